@@ -1,0 +1,5 @@
+//! From views and robot poses to numbers: cameras, stereo, hand-eye, checks, gates and the verdict.
+//!
+//! Uses `geometry`, `board`, `cv`. Start at `solve`.
+
+pub mod settings;

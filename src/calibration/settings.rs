@@ -1,0 +1,95 @@
+//! Solver settings and gates: types of `calibration`, which `config` parses.
+
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::Camera;
+
+/// How corners are found and numbers are made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// The paper's: last-polarity event image, median 3x3, OpenCV solvers, one rejection pass.
+    Paper,
+}
+
+/// How the board pose is found from one view.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Pnp {
+    /// Both planar solutions by IPPE, each refined; the better one counts.
+    Ippe,
+    /// EPnP, as the paper cites it; poor on planes, for reproduction only.
+    Epnp,
+}
+
+/// Which hand-eye solver gives the result; the others stay in the panel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HandEyeMethod {
+    /// Tsai and Lenz (1989).
+    Tsai,
+    /// Park and Martin (1994).
+    Park,
+    /// Horaud and Dornaika (1995).
+    Horaud,
+    /// Andreff, Horaud and Espiau (1999).
+    Andreff,
+    /// Daniilidis (1999).
+    Daniilidis,
+}
+
+/// Settings of a solve.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Settings {
+    /// How corners are found.
+    pub method: Method,
+    /// Views with a larger RMS reprojection error are dropped once, then the rest is solved again; px.
+    pub reject_view_above_px: f64,
+    /// Fewest corners of a usable view.
+    pub min_corners: usize,
+    /// Board pose from a view.
+    pub pnp: Pnp,
+    /// The hand-eye solver that gives the result.
+    pub hand_eye: HandEyeMethod,
+    /// The camera that the hand-eye result is for; absent: event where present.
+    pub reference_camera: Option<Camera>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            method: Method::Paper,
+            reject_view_above_px: 0.75,
+            min_corners: 6,
+            pnp: Pnp::Ippe,
+            hand_eye: HandEyeMethod::Tsai,
+            reference_camera: None,
+        }
+    }
+}
+
+/// Limits that a result must keep to pass; an absent gate is not judged.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Gates {
+    /// Largest RMS reprojection error of the frame camera, px.
+    pub rgb_rms_px: Option<f64>,
+    /// Largest RMS reprojection error of the event camera, px.
+    pub event_rms_px: Option<f64>,
+    /// Largest RMS reprojection error of the stereo pair, px.
+    pub stereo_rms_px: Option<f64>,
+    /// Smallest share of corners found, 0 to 1, each camera.
+    pub corner_rate: Option<f64>,
+    /// Largest standard deviation of the target-to-TCP distance, m.
+    pub target_to_tcp_sigma_m: Option<f64>,
+    /// Largest error of the target-to-TCP distance at one pose, m.
+    pub target_to_tcp_max_m: Option<f64>,
+    /// Largest |mean error| of the target-to-TCP distance, m.
+    pub target_to_tcp_bias_m: Option<f64>,
+    /// Largest mean absolute error of the base-frame distances, m.
+    pub base_distance_mae_m: Option<f64>,
+    /// Largest mean error of the displacement vectors, m.
+    pub base_vector_mae_m: Option<f64>,
+    /// Largest distance between the translations of two hand-eye solvers, m.
+    pub panel_spread_m: Option<f64>,
+}

@@ -1,0 +1,184 @@
+//! What happens and what is asked: the words that are logged, and that a replay repeats.
+
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::{Base, Tcp, Transform, kinematics::Joints};
+
+/// Time since the session began, nanoseconds of the session's clock.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Stamp(pub u64);
+
+impl Stamp {
+    /// Seconds since the session began.
+    pub fn seconds(self) -> f64 {
+        self.0 as f64 * 1e-9
+    }
+
+    /// The stamp `seconds` after the session began; negative and NaN become 0.
+    pub fn from_seconds(seconds: f64) -> Self {
+        Self((seconds * 1e9).round() as u64)
+    }
+}
+
+/// One sample of the robot, exactly as the controller reported it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RobotSample {
+    /// Seconds since the controller started.
+    pub controller_time_s: f64,
+    /// Measured joint positions, rad.
+    pub joints_rad: Joints,
+    /// Measured joint speeds, rad/s.
+    pub joint_speeds_rad_s: Joints,
+    /// Joint positions that the controller aims at, rad.
+    pub target_joints_rad: Joints,
+    /// Joint speeds that the controller aims at, rad/s.
+    pub target_joint_speeds_rad_s: Joints,
+    /// `base_from_tcp` as x, y, z (m) and axis-angle vector (rad).
+    pub tcp_pose: [f64; 6],
+    /// Speed of the TCP, m/s and rad/s.
+    pub tcp_speed: [f64; 6],
+    /// The active TCP in the flange: x, y, z (m) and axis-angle vector (rad).
+    pub tcp_offset: [f64; 6],
+    /// Payload, kg.
+    pub payload_kg: f64,
+    /// Centre of gravity of the payload in the flange, m.
+    pub payload_cog_m: [f64; 3],
+    /// UR robot mode; 7 is RUNNING.
+    pub robot_mode: i32,
+    /// UR safety mode; 1 is NORMAL, 2 REDUCED.
+    pub safety_mode: i32,
+    /// UR safety status bits.
+    pub safety_status_bits: u32,
+    /// UR robot status bits.
+    pub robot_status_bits: u32,
+    /// UR runtime state; 2 is PLAYING.
+    pub runtime_state: u32,
+    /// Product of slider and limits, 0 to 1.
+    pub speed_scaling: f64,
+    /// Digital inputs, bit by bit.
+    pub digital_inputs: u64,
+    /// Last sequence number that our script acknowledged.
+    pub executor_sequence: i32,
+    /// What our script says it is doing.
+    pub executor_state: ExecutorState,
+}
+
+impl RobotSample {
+    /// The pose of the active TCP.
+    pub fn base_from_tcp(&self) -> Transform<Base, Tcp> {
+        Transform::from_pose_vector(self.tcp_pose)
+    }
+}
+
+/// What our script on the controller says it is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ExecutorState {
+    /// Not started.
+    Absent,
+    /// Waiting for a command.
+    Idle,
+    /// Executing a move.
+    Moving,
+    /// The last move is done and the controller says that the arm is steady.
+    Steady,
+    /// The last command was refused by the controller's own safety limits.
+    Refused,
+}
+
+/// Where a move goes and how fast.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "move", rename_all = "snake_case")]
+pub enum MoveTarget {
+    /// Joint-space move (`movej`).
+    Joint {
+        /// Target joint positions, rad.
+        joints_rad: Joints,
+        /// Speed of the leading joint, rad/s.
+        speed_rad_s: f64,
+        /// Acceleration of the leading joint, rad/s2.
+        acceleration_rad_s2: f64,
+    },
+    /// Straight line of the TCP (`movel`).
+    Linear {
+        /// Target `base_from_tcp`: x, y, z (m) and axis-angle vector (rad).
+        tcp_pose: [f64; 6],
+        /// Speed, m/s.
+        speed_m_s: f64,
+        /// Acceleration, m/s2.
+        acceleration_m_s2: f64,
+    },
+}
+
+/// Something that happened, stamped since the session began. Exactly what is logged.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "input", rename_all = "snake_case")]
+pub enum Input {
+    /// The robot reported its state.
+    Robot(RobotSample),
+    /// The robot has been silent or broke the protocol.
+    RobotLost {
+        /// What was seen, in words.
+        why: String,
+    },
+    /// The cameras delivered everything of a capture.
+    Captured(Captured),
+    /// A camera could not deliver.
+    CaptureFailed {
+        /// Index of the pose.
+        pose: usize,
+        /// What was seen, in words.
+        why: String,
+    },
+    /// The operator asked to stop.
+    Interrupted,
+}
+
+/// What the cameras delivered for one capture; images and events lie beside it in the log.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Captured {
+    /// Index of the pose.
+    pub pose: usize,
+    /// Which try at this pose, from 0.
+    pub attempt: u32,
+    /// Exposures, in order.
+    pub exposures: Vec<Exposure>,
+    /// Number of raw event bytes.
+    pub event_bytes: u64,
+}
+
+/// One exposure of the frame camera.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Exposure {
+    /// Start, seconds of the session's clock.
+    pub start_s: f64,
+    /// End, seconds of the session's clock.
+    pub end_s: f64,
+}
+
+/// Something that the outside world is asked to do.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "command", rename_all = "snake_case")]
+pub enum Command {
+    /// Move to a pose of the trajectory.
+    Move {
+        /// Index of the pose.
+        pose: usize,
+        /// Where to.
+        target: MoveTarget,
+    },
+    /// Capture with all cameras.
+    Capture {
+        /// Index of the pose.
+        pose: usize,
+        /// Which try, from 0.
+        attempt: u32,
+    },
+    /// Stop the arm now.
+    Stop {
+        /// Why, in words.
+        why: String,
+    },
+    /// No poses left: stop our program on the controller.
+    Finish,
+}
