@@ -19,8 +19,10 @@
 
 mod frames;
 pub mod kinematics;
+mod pinhole;
 pub mod rotation;
 mod transform;
 
 pub use frames::{Base, Camera, Event, Flange, Frame, Rgb, Sensor, Target, Tcp};
+pub use pinhole::Pinhole;
 pub use transform::{Point, Transform};
