@@ -2,4 +2,6 @@
 //!
 //! Uses `geometry`, `board`, `cv`. Start at `solve`.
 
+pub mod cameras;
+pub mod problem;
 pub mod settings;

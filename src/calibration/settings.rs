@@ -12,6 +12,29 @@ pub enum Method {
     Paper,
 }
 
+/// What the robot carries.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Carried {
+    /// The display is on the arm, the cameras stand still (eye-to-hand).
+    #[default]
+    Target,
+    /// The cameras are on the arm, the display stands still (eye-in-hand).
+    Cameras,
+}
+
+/// What a pose of a trajectory is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PoseKind {
+    /// Intrinsics and stereo.
+    Intrinsics,
+    /// The hand-eye fit.
+    HandEye,
+    /// The base-distance check; held out of the fit.
+    Distance,
+}
+
 /// How the board pose is found from one view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]

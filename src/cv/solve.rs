@@ -16,6 +16,17 @@ pub struct MonoSolution<C: Frame> {
     pub camera_from_target: Vec<Transform<C, Target>>,
 }
 
+/// Where the second camera of a pair stands.
+#[derive(Debug, Clone)]
+pub struct StereoSolution<A: Frame, B: Frame> {
+    /// Takes coordinates of the first camera to the second.
+    pub second_from_first: Transform<B, A>,
+    /// RMS reprojection error over the points of both cameras, px.
+    pub rms_px: f64,
+    /// The same for each pair of views, px.
+    pub pair_rms_px: Vec<f64>,
+}
+
 /// Both planar solutions of a board pose, the better one first.
 #[derive(Debug, Clone)]
 pub struct BoardPose<C: Frame> {
@@ -27,8 +38,16 @@ pub struct BoardPose<C: Frame> {
     pub other_rms_px: Option<f64>,
 }
 
-/// Solves a camera from views of the board, from a first guess; five distortion terms (Zhang 2000).
-pub fn camera<C: Frame>(board: &Board, views: &[View], guess: &Pinhole) -> Result<MonoSolution<C>, CvError> {
+/// Solves a camera from views of the board; five distortion terms (Zhang 2000).
+///
+/// `guess` gives the image size; where `guessed` says so, its focal length and centre are the start,
+/// else OpenCV starts from the homographies.
+pub fn camera<C: Frame>(
+    board: &Board,
+    views: &[View],
+    guess: &Pinhole,
+    guessed: bool,
+) -> Result<MonoSolution<C>, CvError> {
     let (mut objects, mut images) = (Vector::<Vector<Point3f>>::new(), Vector::<Vector<Point2f>>::new());
     for view in views {
         let (object, image) = mat::points(board, view);
@@ -46,7 +65,7 @@ pub fn camera<C: Frame>(board: &Board, views: &[View], guess: &Pinhole) -> Resul
         &mut d,
         &mut rotations,
         &mut translations,
-        calib3d::CALIB_USE_INTRINSIC_GUESS,
+        if guessed { calib3d::CALIB_USE_INTRINSIC_GUESS } else { 0 },
         TermCriteria::new(3, 200, 1e-10)?,
     )?;
     let poses = rotations.iter().zip(translations.iter()).map(|(r, t)| mat::pose(&r, &t));
@@ -54,12 +73,12 @@ pub fn camera<C: Frame>(board: &Board, views: &[View], guess: &Pinhole) -> Resul
 }
 
 /// Solves `second_from_first` from pairs of views with the same corners, intrinsics fixed.
-pub fn stereo<A, B>(
+pub fn stereo<A: Frame, B: Frame>(
     board: &Board,
     pairs: &[(View, View)],
     first: &Pinhole,
     second: &Pinhole,
-) -> Result<Transform<B, A>, CvError> {
+) -> Result<StereoSolution<A, B>, CvError> {
     let mut objects = Vector::<Vector<Point3f>>::new();
     let (mut images_1, mut images_2) = (Vector::<Vector<Point2f>>::new(), Vector::<Vector<Point2f>>::new());
     for (view_1, view_2) in pairs {
@@ -70,8 +89,8 @@ pub fn stereo<A, B>(
     }
     let (mut k1, mut d1) = (mat::camera_matrix(first)?, mat::distortion(first)?);
     let (mut k2, mut d2) = (mat::camera_matrix(second)?, mat::distortion(second)?);
-    let (mut r, mut t) = (Mat::default(), Mat::default());
-    calib3d::stereo_calibrate(
+    let (mut r, mut t, mut per_view) = (Mat::default(), Mat::default(), Mat::default());
+    let rms_px = calib3d::stereo_calibrate_extended(
         &objects,
         &images_1,
         &images_2,
@@ -84,11 +103,15 @@ pub fn stereo<A, B>(
         &mut t,
         &mut Mat::default(),
         &mut Mat::default(),
+        &mut per_view,
         calib3d::CALIB_FIX_INTRINSIC,
         TermCriteria::new(3, 200, 1e-10)?,
     )?;
+    // OpenCV gives the RMS of each view and camera; a pair has as many points in one as in the other.
+    let both = |v: &[f64]| v.iter().map(|e| e * e / 2.0).sum::<f64>().sqrt();
+    let pair_rms_px = mat::values(&per_view)?.chunks(2).map(both).collect();
     // OpenCV's R, T take the first camera's coordinates to the second's.
-    mat::pose_of_matrix(&r, &t)
+    Ok(StereoSolution { second_from_first: mat::pose_of_matrix(&r, &t)?, rms_px, pair_rms_px })
 }
 
 /// Board pose from one view: both planar solutions (IPPE), each refined, the better one first.
@@ -197,7 +220,7 @@ mod tests {
     #[test]
     fn a_camera_without_noise_is_recovered() {
         let views: Vec<_> = poses().iter().map(|p| seen(&truth(), p)).collect();
-        let found = camera::<Rgb>(&board(), &views, &Pinhole::centred(1380, 780, 2700.0)).unwrap();
+        let found = camera::<Rgb>(&board(), &views, &Pinhole::centred(1380, 780, 2700.0), true).unwrap();
         assert!((found.camera.fx - truth().fx).abs() < 0.05, "{:?}", found.camera);
         assert!((found.camera.cx - truth().cx).abs() < 0.05, "{:?}", found.camera);
         for (pose, true_pose) in found.camera_from_target.iter().zip(poses()) {
@@ -211,8 +234,9 @@ mod tests {
         let pairs: Vec<_> =
             poses().iter().map(|p| (seen(&truth(), p), seen(&truth(), &(event_from_rgb * *p)))).collect();
         let found = stereo::<Rgb, Event>(&board(), &pairs, &truth(), &truth()).unwrap();
-        assert!(found.distance_to_m(&event_from_rgb) < 1e-6, "{found:?}");
-        assert!(found.angle_to_rad(&event_from_rgb) < 1e-6, "{found:?}");
+        assert!(found.second_from_first.distance_to_m(&event_from_rgb) < 1e-6, "{found:?}");
+        assert!(found.second_from_first.angle_to_rad(&event_from_rgb) < 1e-6, "{found:?}");
+        assert!(found.rms_px < 1e-3 && found.pair_rms_px.len() == pairs.len());
     }
 
     #[test]

@@ -145,6 +145,23 @@ pub struct Captured {
     pub exposures: Vec<Exposure>,
     /// Number of raw event bytes.
     pub event_bytes: u64,
+    /// What the source of an imported session declares; absent in a session of our own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub declared: Option<Declared>,
+}
+
+/// What the source of an imported session says about a pose.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Declared {
+    /// The interval in which the arm stood still, seconds of the session's clock; absent if not said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub still_s: Option<[f64; 2]>,
+    /// `base_from_tcp`; absent where there is no robot.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub base_from_tcp: Option<Transform<Base, Tcp>>,
+    /// Measured joint positions, rad; absent if not said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joints_rad: Option<Joints>,
 }
 
 /// One exposure of the frame camera.
@@ -154,6 +171,8 @@ pub struct Exposure {
     pub start_s: f64,
     /// End, seconds of the session's clock.
     pub end_s: f64,
+    /// Whether the log holds an image of it.
+    pub image: bool,
 }
 
 /// Something that the outside world is asked to do.
@@ -172,6 +191,13 @@ pub enum Command {
         /// Index of the pose.
         pose: usize,
         /// Which try, from 0.
+        attempt: u32,
+    },
+    /// Discard the last capture of this pose and wait until the arm is still again.
+    Wait {
+        /// Index of the pose.
+        pose: usize,
+        /// The coming try, from 0.
         attempt: u32,
     },
     /// Stop the arm now.
