@@ -6,4 +6,5 @@ pub mod devices;
 pub mod events;
 pub mod geometry;
 pub mod image;
+pub mod recording;
 pub mod session;

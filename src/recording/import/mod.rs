@@ -1,0 +1,1 @@
+//! Foreign data sets turned into sessions.

@@ -1,0 +1,105 @@
+//! Reads whatever an MCAP file still holds: whole, cut, or damaged in the middle.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use mcap::records::Record;
+
+/// One message, decompressed.
+#[derive(Debug, Clone)]
+pub struct Message {
+    /// Its topic.
+    pub topic: Arc<str>,
+    /// Time of logging, nanoseconds.
+    pub log_time: u64,
+    /// Its bytes.
+    pub data: Vec<u8>,
+}
+
+/// What an MCAP file holds.
+#[derive(Debug, Clone, Default)]
+pub struct Scan {
+    /// The library that wrote it.
+    pub library: String,
+    /// Messages in order of the file.
+    pub messages: Vec<Message>,
+    /// Attachments: name and bytes, in order of the file.
+    pub attachments: Vec<(String, Vec<u8>)>,
+    /// Metadata records by name.
+    pub metadata: BTreeMap<String, BTreeMap<String, String>>,
+    /// What was lost, in words; empty for a whole file.
+    pub damage: Vec<String>,
+}
+
+/// Whether the bytes begin as an MCAP file does.
+pub fn is_mcap(bytes: &[u8]) -> bool {
+    bytes.starts_with(mcap::MAGIC)
+}
+
+/// Scans a file from start to end; never fails, says what was lost.
+///
+/// A damaged chunk loses that chunk only; past the first broken record nothing is read.
+pub fn scan(bytes: &[u8]) -> Scan {
+    let mut scan = Scan::default();
+    let mut topics = BTreeMap::new();
+    let mut ended = false;
+    let options = mcap::read::Options::IgnoreEndMagic;
+    let reader = match mcap::read::LinearReader::new_with_options(bytes, options.into()) {
+        Ok(reader) => reader,
+        Err(error) => {
+            scan.damage.push(format!("not readable from the start: {error}"));
+            return scan;
+        }
+    };
+    for record in reader {
+        match record {
+            Ok(Record::Chunk { header, data }) => scan.chunk(header, &data, &mut topics),
+            Ok(Record::DataEnd(_)) => ended = true,
+            Ok(Record::Unknown { opcode: 0, .. }) => break,
+            Ok(record) => scan.take(record, &mut topics),
+            Err(error) => {
+                if !ended {
+                    scan.damage.push(format!("broken off: {error}"));
+                }
+                break;
+            }
+        }
+    }
+    if !ended && scan.damage.is_empty() {
+        scan.damage.push("the end of the data is missing".into());
+    }
+    scan
+}
+
+impl Scan {
+    fn chunk(&mut self, header: mcap::records::ChunkHeader, data: &[u8], topics: &mut BTreeMap<u16, Arc<str>>) {
+        let from_s = header.message_start_time as f64 * 1e-9;
+        let records = mcap::read::ChunkReader::new(header, data).and_then(|chunk| chunk.collect::<Result<Vec<_>, _>>());
+        match records {
+            Ok(records) => records.into_iter().for_each(|record| self.take(record, topics)),
+            Err(error) => self.damage.push(format!("the chunk at {from_s:.3} s is lost: {error}")),
+        }
+    }
+
+    fn take(&mut self, record: Record<'_>, topics: &mut BTreeMap<u16, Arc<str>>) {
+        match record {
+            Record::Header(header) => self.library = header.library,
+            Record::Channel(channel) => {
+                topics.insert(channel.id, channel.topic.into());
+            }
+            Record::Message { header, data } => {
+                if let Some(topic) = topics.get(&header.channel_id) {
+                    let message =
+                        Message { topic: Arc::clone(topic), log_time: header.log_time, data: data.into_owned() };
+                    self.messages.push(message);
+                }
+            }
+            Record::Attachment { header, data, .. } => self.attachments.push((header.name, data.into_owned())),
+            Record::Metadata(metadata) => {
+                self.metadata.insert(metadata.name, metadata.metadata);
+            }
+            // Schemas, indexes and statistics carry nothing that a session needs.
+            _ => {}
+        }
+    }
+}
