@@ -1,2 +1,5 @@
-//! The program.
-fn main() {}
+//! The program: parses, calls, prints, chooses the exit code.
+
+fn main() -> std::process::ExitCode {
+    cellcal::cli::main()
+}

@@ -2,8 +2,10 @@
 //!
 //! Uses `geometry` and `image`. Start at [`Board`]; [`View`] is what vision makes of an image.
 
+mod dictionaries;
 mod view;
 
+pub use dictionaries::DICTIONARIES;
 pub use view::{Corner, View};
 
 use serde::{Deserialize, Serialize};

@@ -156,7 +156,7 @@ impl Gate {
         }
         let (value_text, limit_text) = shown.apart(value, *limit);
         if !value.is_finite() || limit.is_nan() {
-            return Some(format!("{name} {value_text} is no finite number or has no gate: {limit_text}"));
+            return Some(format!("{name} {value_text} cannot be compared with the gate {limit_text}"));
         }
         let side = if *at_least { "below" } else { "above" };
         Some(format!("{name} {value_text} is {side} the gate {limit_text}"))

@@ -63,6 +63,7 @@ pub enum HandEyeMethod {
 
 /// Settings of a solve.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Settings {
     /// How corners are found.
     pub method: Method,
@@ -75,6 +76,7 @@ pub struct Settings {
     /// The hand-eye solver that gives the result.
     pub hand_eye: HandEyeMethod,
     /// The camera that the hand-eye result is for; absent: event where present.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference_camera: Option<Camera>,
 }
 
@@ -96,23 +98,33 @@ impl Default for Settings {
 #[serde(deny_unknown_fields)]
 pub struct Gates {
     /// Largest RMS reprojection error of the frame camera, px.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rgb_rms_px: Option<f64>,
     /// Largest RMS reprojection error of the event camera, px.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub event_rms_px: Option<f64>,
     /// Largest RMS reprojection error of the stereo pair, px.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stereo_rms_px: Option<f64>,
     /// Smallest share of corners found, 0 to 1, each camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corner_rate: Option<f64>,
     /// Largest standard deviation of the target-to-TCP distance, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target_to_tcp_sigma_m: Option<f64>,
     /// Largest error of the target-to-TCP distance at one pose, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target_to_tcp_max_m: Option<f64>,
     /// Largest |mean error| of the target-to-TCP distance, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target_to_tcp_bias_m: Option<f64>,
     /// Largest mean absolute error of the base-frame distances, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base_distance_mae_m: Option<f64>,
     /// Largest mean error of the displacement vectors, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base_vector_mae_m: Option<f64>,
     /// Largest distance between the translations of two hand-eye solvers, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub panel_spread_m: Option<f64>,
 }

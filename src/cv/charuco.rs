@@ -5,7 +5,7 @@ use opencv::prelude::*;
 use opencv::{aruco, calib3d, imgproc};
 
 use super::{CvError, mat};
-use crate::board::{Board, Corner, View};
+use crate::board::{Board, Corner, DICTIONARIES, View};
 use crate::image::GrayImage;
 
 /// Half width of the window in which a corner is refined, pixels.
@@ -109,31 +109,6 @@ fn dictionary(name: &str) -> Result<Ptr<aruco::Dictionary>, CvError> {
     };
     Ok(aruco::Dictionary::get(i32::try_from(index).unwrap_or(0))?)
 }
-
-/// OpenCV's dictionaries in the order of its numbers.
-pub const DICTIONARIES: [&str; 21] = [
-    "DICT_4X4_50",
-    "DICT_4X4_100",
-    "DICT_4X4_250",
-    "DICT_4X4_1000",
-    "DICT_5X5_50",
-    "DICT_5X5_100",
-    "DICT_5X5_250",
-    "DICT_5X5_1000",
-    "DICT_6X6_50",
-    "DICT_6X6_100",
-    "DICT_6X6_250",
-    "DICT_6X6_1000",
-    "DICT_7X7_50",
-    "DICT_7X7_100",
-    "DICT_7X7_250",
-    "DICT_7X7_1000",
-    "DICT_ARUCO_ORIGINAL",
-    "DICT_APRILTAG_16h5",
-    "DICT_APRILTAG_25h9",
-    "DICT_APRILTAG_36h10",
-    "DICT_APRILTAG_36h11",
-];
 
 #[cfg(test)]
 mod tests {

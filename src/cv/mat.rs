@@ -79,11 +79,6 @@ pub(super) fn pose_of_matrix<A, B>(rotation_matrix: &Mat, translation: &Mat) -> 
     Transform::from_matrix(&Matrix3::from_row_slice(&r), Vector3::from_row_slice(&t)).ok_or_else(unusable)
 }
 
-/// Rotation vector and translation of a pose.
-pub(super) fn vectors<A, B>(pose: &Transform<A, B>) -> Result<(Mat, Mat), CvError> {
-    Ok((matrix(3, &pose.rotation_vector_rad())?, matrix(3, &pose.translation_m())?))
-}
-
 /// Board points (m) and image points (px) of a view, in the same order.
 ///
 /// OpenCV takes both as `f32`: 24 bits are 1e-4 px at 1,600 px and 1e-9 m on a board.

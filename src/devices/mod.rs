@@ -3,7 +3,9 @@
 //! Drivers never name each other; traits carry no vendor words. Uses `session` for the words that are
 //! logged. Start at [`Robot`].
 
-use crate::session::{MoveTarget, RobotSample, Stamp};
+use crate::geometry::Camera;
+use crate::image::GrayImage;
+use crate::session::{Exposure, MoveTarget, RobotSample, Stamp};
 
 /// A robot arm.
 ///
@@ -67,6 +69,63 @@ pub enum RobotError {
         /// Where.
         address: String,
         /// The reason of the system.
+        why: String,
+    },
+}
+
+/// An image and when it was exposed, on the session's clock.
+#[derive(Debug, Clone)]
+pub struct FrameImage {
+    /// When it was exposed.
+    pub exposure: Exposure,
+    /// The image.
+    pub image: GrayImage,
+}
+
+/// A frame camera that exposes at its own steady rate and is the master of the timing.
+pub trait FrameCamera: Send {
+    /// Asks for the next `images` exposures that begin after now.
+    fn begin(&mut self, images: u32) -> Result<(), CameraError>;
+    /// The images asked for, as soon as all are there and the exposure after the last has begun.
+    fn poll(&mut self) -> Result<Option<Vec<FrameImage>>, CameraError>;
+}
+
+/// Raw words of an event camera.
+#[derive(Debug, Clone)]
+pub struct RawEvents {
+    /// Sensor time of the first word in microseconds, wraps unrolled.
+    pub first_us: i64,
+    /// The words, little-endian.
+    pub words: Vec<u8>,
+}
+
+/// An event camera with the frame camera's exposure signal at its trigger input.
+pub trait EventCamera: Send {
+    /// Starts recording.
+    fn begin(&mut self) -> Result<(), CameraError>;
+    /// Stops recording and hands over what was recorded since [`EventCamera::begin`].
+    fn end(&mut self) -> Result<Vec<RawEvents>, CameraError>;
+    /// Sensor width and height, pixels.
+    fn size(&self) -> [u32; 2];
+}
+
+/// What a camera can fail with.
+#[derive(Debug, thiserror::Error)]
+pub enum CameraError {
+    /// Nothing came.
+    #[error("the {camera} camera delivered nothing for {silent_s:.1} s; is it connected and powered?")]
+    Silent {
+        /// Which camera.
+        camera: Camera,
+        /// For how long, s.
+        silent_s: f64,
+    },
+    /// The camera is gone or refuses.
+    #[error("the {camera} camera failed: {why}")]
+    Failed {
+        /// Which camera.
+        camera: Camera,
+        /// The driver's words.
         why: String,
     },
 }

@@ -25,6 +25,9 @@ impl TimeLayout {
     }
 }
 
+/// Times stop here, 146,000 years on; only damaged data gets there, and adding low bits must not overflow.
+const TIME_MAX_US: i64 = 1 << 62;
+
 /// What a TIME_HIGH word did to the clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Step {
@@ -77,10 +80,10 @@ impl HighClock {
         }
         let back_us = wrap_us - ahead_us;
         if back_us < self.layout.back_steps << self.layout.low_bits {
-            self.base_us = Some(base_us.saturating_sub(back_us));
+            self.base_us = Some((base_us - back_us).max(-TIME_MAX_US));
             return Step::Back;
         }
-        self.base_us = Some(base_us.saturating_add(ahead_us));
+        self.base_us = Some((base_us + ahead_us).min(TIME_MAX_US));
         Step::Forward
     }
 }
@@ -143,6 +146,7 @@ mod tests {
         for epoch_us in [i64::MIN, i64::MAX] {
             clock.resync(epoch_us);
             clock.step(17);
+            assert!(clock.base_us().unwrap().abs_diff(epoch_us) < u64::MAX / 2);
         }
     }
 }

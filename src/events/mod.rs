@@ -1,6 +1,26 @@
 //! Pixel events: Prophesee RAW EVT2, EVT2.1 and EVT3 in and out, windows, accumulation into images.
 //!
-//! Uses `image` only; pure Rust, no OpenCV, no files. Start at [`Event`] and [`Decoder`].
+//! Uses `image` only; pure Rust, no OpenCV, no files: everything works on byte slices. Start at [`Event`] and
+//! [`Decoder`]; [`Header`] opens a RAW file, [`RawInfo`] sums one up, [`sync`] finds the windows of a session.
+
+mod accumulate;
+mod clock;
+mod decode;
+mod encode;
+mod error;
+mod header;
+mod info;
+pub mod sync;
+
+#[cfg(test)]
+mod tests;
+
+pub use accumulate::{LastPolarity, PolarityCounts};
+pub use decode::{Decoder, Sink, Skipped};
+pub use encode::Encoder;
+pub use error::{EncodeError, RawError};
+pub use header::{Format, Header};
+pub use info::{EventDigest, RawInfo, TriggerInfo};
 
 /// One pixel event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -24,4 +44,11 @@ pub struct Trigger {
     pub channel: u8,
     /// Rising or falling edge.
     pub rising: bool,
+}
+
+/// The events of `start_us..end_us`, from events in order of time.
+pub fn events_between(events: &[Event], start_us: i64, end_us: i64) -> &[Event] {
+    let start = events.partition_point(|event| event.t_us < start_us);
+    let after = events.get(start..).unwrap_or_default();
+    &after[..after.partition_point(|event| event.t_us < end_us)]
 }

@@ -1,9 +1,10 @@
 //! A live session: pre-flight, then for each pose move, wait for stillness, capture, check again.
 
 use super::preflight::{self, Expected, Finding};
-use super::stillness::{History, Limits};
+use super::stillness::History;
 use super::types::{Captured, Command, ExecutorState, Input, MoveTarget, RobotSample, Stamp};
 use super::{End, Machine, Outcome, PoseRecord};
+use crate::config::Stillness as Limits;
 
 /// A capture that the arm disturbed is repeated at most this often.
 const MAX_ATTEMPTS: u32 = 3;
@@ -120,7 +121,7 @@ impl Live {
         None
     }
 
-    fn captured(&mut self, captured: &Captured) -> Option<Command> {
+    fn captured(&mut self, at: Stamp, captured: &Captured) -> Option<Command> {
         let index = self.captures.len();
         self.captures.push(captured.clone());
         let State::Capturing { pose, attempt, decided } = self.state else { return None };
@@ -128,7 +129,8 @@ impl Live {
             return None;
         }
         let start_s = captured.exposures.first().map_or(decided.seconds(), |e| e.start_s);
-        let end_s = captured.exposures.last().map_or(start_s, |e| e.end_s);
+        // Without a frame camera the events run from the decision to the delivery.
+        let end_s = captured.exposures.last().map_or(at.seconds(), |e| e.end_s);
         if !self.history.kept_limits(&self.limits_through_capture(), decided.seconds(), end_s) {
             return Some(self.repeat(pose, attempt, "the arm moved during the exposure"));
         }
@@ -176,7 +178,7 @@ impl Machine for Live {
         }
         match input {
             Input::Robot(sample) => self.sample(at, sample),
-            Input::Captured(captured) => self.captured(captured),
+            Input::Captured(captured) => self.captured(at, captured),
             Input::CaptureFailed { pose, why } => match self.state {
                 State::Capturing { pose: now, attempt, .. } if now == *pose => Some(self.repeat(now, attempt, why)),
                 State::Preflight { .. } | State::Moving { .. } | State::Capturing { .. } | State::Done(_) => None,

@@ -1,6 +1,6 @@
 //! The session: what to do next, given what has happened. Sans-IO state machines.
 //!
-//! No I/O, no clock, no threads: time arrives with each input. Uses `geometry` only. Start at
+//! No I/O, no clock, no threads: time arrives with each input. Uses `geometry` and `config`. Start at
 //! [`types`], the words that are logged; [`Live`] walks a trajectory, [`Imported`] only collects.
 
 mod imported;
@@ -12,7 +12,7 @@ pub mod types;
 pub use imported::Imported;
 pub use live::{Live, Stop};
 pub use preflight::{Expected, Finding};
-pub use stillness::{Evidence, Limits};
+pub use stillness::Evidence;
 pub use types::{Captured, Command, Declared, ExecutorState, Exposure, Input, MoveTarget, RobotSample, Stamp};
 
 use crate::geometry::{Base, Tcp, Transform};

@@ -5,30 +5,8 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 
 use super::types::{ExecutorState, RobotSample, Stamp};
+use crate::config::Stillness as Limits;
 use crate::geometry::{Base, Tcp, Transform, kinematics::Joints};
-
-/// What "still" means. Every limit is written so that NaN fails.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Limits {
-    /// Every sample of this long must keep the limits, s.
-    pub window_s: f64,
-    /// Fewest samples in the window.
-    pub min_samples: usize,
-    /// Longest time between two samples, s.
-    pub max_gap_s: f64,
-    /// Largest measured joint speed, rad/s.
-    pub joint_speed_rad_s: f64,
-    /// Largest spread of a measured joint position in the window, rad.
-    pub joint_spread_rad: f64,
-    /// Largest distance of a measured joint from where the controller aims, rad.
-    pub joint_error_rad: f64,
-    /// Largest speed of the TCP, m/s.
-    pub tcp_speed_m_s: f64,
-    /// Largest turning speed of the TCP, rad/s.
-    pub tcp_rotation_rad_s: f64,
-    /// Give up after this long, s.
-    pub timeout_s: f64,
-}
 
 /// How still the arm was through the exposures of one capture.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -86,7 +64,7 @@ impl History {
         let gaps_small = inside.windows(2).all(|w| w[1].0.seconds() - w[0].0.seconds() <= limits.max_gap_s);
         let each_still = inside.iter().all(|(_, sample)| sample_is_still(sample, limits));
         let spread = max_spread(inside.iter().map(|(_, s)| &s.joints_rad));
-        inside.len() >= limits.min_samples && gaps_small && each_still && spread <= limits.joint_spread_rad
+        inside.len() >= limits.min_samples as usize && gaps_small && each_still && spread <= limits.joint_spread_rad
     }
 
     /// Mean pose of the TCP from `from_s` to `to_s`; absent without samples.
@@ -155,17 +133,7 @@ pub(super) mod tests {
     use super::*;
 
     pub(in super::super) fn limits() -> Limits {
-        Limits {
-            window_s: 0.3,
-            min_samples: 20,
-            max_gap_s: 0.1,
-            joint_speed_rad_s: 0.005,
-            joint_spread_rad: 1e-4,
-            joint_error_rad: 1e-3,
-            tcp_speed_m_s: 1e-3,
-            tcp_rotation_rad_s: 2e-3,
-            timeout_s: 5.0,
-        }
+        Limits::default()
     }
 
     pub(in super::super) fn still_sample() -> RobotSample {

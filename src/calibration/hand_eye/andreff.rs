@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Matrix3, SMatrix, UnitQuaternion};
 use super::motion::{Motion, Motions};
 use crate::geometry::rotation::from_matrix;
 
-/// Smallest uniqueness that is solved. Healthy sets have 0.2 and more; poses that differ by half turns
+/// Smallest uniqueness that is solved. Observable sets have 0.04 and more; poses that differ by half turns
 /// only, which several rotations explain, have 0 without noise.
 pub(super) const MIN_UNIQUENESS: f64 = 0.01;
 

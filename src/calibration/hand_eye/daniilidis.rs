@@ -8,8 +8,6 @@ use nalgebra::{Isometry3, Quaternion, SMatrix, SVector, Translation3, UnitQuater
 
 use super::motion::{Motion, Motions};
 
-type Rows = SMatrix<f64, 6, 8>;
-
 /// Transform of the turned camera frame.
 pub(super) fn solve(motions: &Motions) -> Option<Isometry3<f64>> {
     let size_m = translation_size_m(&motions.list);
@@ -37,10 +35,10 @@ fn translation_size_m(motions: &[Motion]) -> f64 {
 }
 
 /// Vector parts of `A X - X B`, real and dual, on (q, p) as (x, y, z, w) each.
-fn rows(Motion { a, b }: &Motion, size_m: f64) -> Rows {
+fn rows(Motion { a, b }: &Motion, size_m: f64) -> SMatrix<f64, 6, 8> {
     let (a_dual, b_dual) = (dual(a, size_m), dual(b, size_m));
     let (a, b) = (a.rotation.imag(), b.rotation.imag());
-    let mut rows = Rows::zeros();
+    let mut rows = SMatrix::<f64, 6, 8>::zeros();
     for (row, column, a, b) in [(0, 0, a, b), (3, 0, a_dual, b_dual), (3, 4, a, b)] {
         rows.fixed_view_mut::<3, 3>(row, column).copy_from(&(a + b).cross_matrix());
         rows.fixed_view_mut::<3, 1>(row, column + 3).copy_from(&(a - b));

@@ -22,7 +22,8 @@ use serde::{Deserialize, Serialize};
 
 pub use super::settings::HandEyeMethod;
 pub use spread::{
-    Culprit, Jackknife, PanelSpread, Residual, Uncertainty, UncertaintyMethod, jackknife, panel, panel_spread, residuals,
+    Influence, Jackknife, PanelSpread, Residual, Uncertainty, UncertaintyMethod, jackknife, panel, panel_spread,
+    residuals,
 };
 
 use super::observability::{self, ObservabilityError};

@@ -3,7 +3,7 @@
 //! Two measures keep every solver right near 0 and near 180 deg, whatever `X` is:
 //! - The camera frame is first turned by a rough rotation that needs no sign of any quaternion (the
 //!   linear form of Andreff), so that the unknown left is near the identity, where the parameters of
-//!   Tsai and Daniilidis are regular. OpenCV has them singular for half turns.
+//!   Tsai and Daniilidis are regular; as published, both are singular for half turns.
 //! - After that turn the rotations of A and B are nearly equal, so the sign of the quaternion of B is
 //!   the one nearer to that of A. Near 180 deg `w >= 0` alone picks by noise (OpenCV issue 24871).
 

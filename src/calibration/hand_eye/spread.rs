@@ -85,19 +85,26 @@ pub struct Uncertainty {
     pub method: UncertaintyMethod,
     /// Number of poses.
     pub poses: usize,
-    /// The pose that changes the answer most.
-    pub culprit: Culprit,
+    /// Root mean square distance of the target from its mean, all poses, m.
+    pub scatter_m: f64,
+    /// The pose without which the others agree best: an outlier, if `scatter_without_m` is much smaller
+    /// than `scatter_m`.
+    pub culprit: Influence,
+    /// The pose without which the camera moves farthest: an outlier, or one that holds up much alone.
+    pub most_influential: Influence,
 }
 
-/// The pose without which the answer changes most.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Culprit {
-    /// Index in the pairs; after [`Uncertainty::named`] the id of the pose.
-    pub pose_id: usize,
+/// What leaving out one pose does.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Influence {
+    /// Id of the pose.
+    pub pose_id: String,
     /// How far the camera moves without it, m.
     pub translation_change_m: f64,
     /// How far the camera turns without it, rad.
     pub rotation_change_rad: f64,
+    /// Root mean square distance of the target from its mean without it, m.
+    pub scatter_without_m: f64,
 }
 
 /// The jackknife and the answers it went through.
@@ -110,20 +117,45 @@ pub struct Jackknife<S> {
 }
 
 /// Leaves out one pair at a time; at least 4 pairs, and no pair may be indispensable.
-pub fn jackknife<S: Solution>(method: HandEyeMethod, pairs: &[Pair]) -> Result<Jackknife<S>, HandEyeError> {
+///
+/// `pose_ids` in the order of the pairs, to name the culprit.
+pub fn jackknife<S: Solution>(
+    method: HandEyeMethod,
+    pairs: &[Pair],
+    pose_ids: &[String],
+) -> Result<Jackknife<S>, HandEyeError> {
     let full = S::solve(method, pairs)?;
-    let without = (0..pairs.len()).map(|i| solve_without(method, pairs, i)).collect::<Result<Vec<S>, _>>()?;
-    let uncertainty = uncertainty(&full, &without).ok_or(super::breakdown(method, pairs.len()))?;
+    let (mut without, mut influences) = (Vec::new(), Vec::new());
+    for (i, pose_id) in (0..pairs.len()).zip(pose_ids.iter().cloned().chain(std::iter::repeat(String::new()))) {
+        let others: Vec<Pair> = pairs.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, p)| *p).collect();
+        let hangs = |why| HandEyeError::HangsOnOne { pair: i, why: Box::new(why) };
+        let solution = S::solve(method, &others).map_err(hangs)?;
+        influences.push(influence(pose_id, &full, &solution, &others));
+        without.push(solution);
+    }
+    let scatter_m = scatter_m(&full, pairs);
+    let uncertainty = uncertainty(&without, &influences, scatter_m).ok_or(super::breakdown(method, pairs.len()))?;
     Ok(Jackknife { uncertainty, without })
 }
 
-fn solve_without<S: Solution>(method: HandEyeMethod, pairs: &[Pair], left_out: usize) -> Result<S, HandEyeError> {
-    let others: Vec<Pair> = pairs.iter().enumerate().filter(|(i, _)| *i != left_out).map(|(_, p)| *p).collect();
-    S::solve(method, &others).map_err(|why| HandEyeError::HangsOnOne { pair: left_out, why: Box::new(why) })
+fn influence<S: Solution>(pose_id: String, full: &S, without: &S, others: &[Pair]) -> Influence {
+    let (camera, moved) = (full.camera(), without.camera());
+    Influence {
+        pose_id,
+        translation_change_m: (moved.translation.vector - camera.translation.vector).norm(),
+        rotation_change_rad: rotation::angle_between_rad(&camera.rotation, &moved.rotation),
+        scatter_without_m: scatter_m(without, others),
+    }
+}
+
+/// Root mean square of the residuals in translation, m.
+fn scatter_m<S: Solution>(solution: &S, pairs: &[Pair]) -> f64 {
+    let squares = residuals(solution, pairs).iter().map(|r| r.translation_m * r.translation_m).sum::<f64>();
+    (squares / pairs.len() as f64).sqrt()
 }
 
 /// Jackknife variance: `(n - 1) / n` times the sum of squares about the mean of the n answers.
-fn uncertainty<S: Solution>(full: &S, without: &[S]) -> Option<Uncertainty> {
+fn uncertainty<S: Solution>(without: &[S], influences: &[Influence], scatter_m: f64) -> Option<Uncertainty> {
     let cameras: Vec<_> = without.iter().map(S::camera).collect();
     let mean = motion::mean(cameras.iter())?;
     let n = cameras.len() as f64;
@@ -134,34 +166,15 @@ fn uncertainty<S: Solution>(full: &S, without: &[S]) -> Option<Uncertainty> {
         rotation_sum += rotation::angle_between_rad(&mean.rotation, &camera.rotation).powi(2);
     }
     let factor = (n - 1.0) / n;
+    let culprit = influences.iter().min_by(|a, b| a.scatter_without_m.total_cmp(&b.scatter_without_m));
+    let influential = influences.iter().max_by(|a, b| a.translation_change_m.total_cmp(&b.translation_change_m));
     Some(Uncertainty {
         translation_sigma_m: translation.map(|sum| (factor * sum).sqrt()).into(),
         rotation_sigma_rad: (factor * rotation_sum).sqrt(),
         method: UncertaintyMethod::Jackknife,
         poses: cameras.len(),
-        culprit: culprit(full, without)?,
+        scatter_m,
+        culprit: culprit?.clone(),
+        most_influential: influential?.clone(),
     })
-}
-
-/// The pose without which the camera moves farthest.
-fn culprit<S: Solution>(full: &S, without: &[S]) -> Option<Culprit> {
-    let camera = full.camera();
-    let change = |(pose_id, solution): (usize, &S)| {
-        let other = solution.camera();
-        Culprit {
-            pose_id,
-            translation_change_m: (other.translation.vector - camera.translation.vector).norm(),
-            rotation_change_rad: rotation::angle_between_rad(&camera.rotation, &other.rotation),
-        }
-    };
-    let larger = |a: &Culprit, b: &Culprit| a.translation_change_m.total_cmp(&b.translation_change_m);
-    without.iter().enumerate().map(change).max_by(larger)
-}
-
-impl Uncertainty {
-    /// The same, with the culprit named by the id of its pose; `pose_ids` in the order of the pairs.
-    pub fn named(mut self, pose_ids: &[usize]) -> Self {
-        self.culprit.pose_id = pose_ids.get(self.culprit.pose_id).copied().unwrap_or(self.culprit.pose_id);
-        self
-    }
 }

@@ -18,6 +18,8 @@ fn awkward() -> Vec<[f64; 6]> {
         [0.1, -0.2, 0.3, PI, 0.0, 0.0],
         [0.0, 0.0, 0.0, 0.0, PI * s, PI * s],
         [0.1258, -0.5678, 0.3839, 0.3, -0.2, PI - 1e-9],
+        [0.1, 0.0, -0.4, 0.0, 3.1, 0.0],
+        [0.1, 0.0, -0.4, 0.0, 0.0, 3.12],
         [1000.0, -2.0, 500.0, 1.2, -0.7, 0.4],
         [0.0, 0.0, 1000.0, 0.0, -PI, 0.0],
     ]
@@ -27,12 +29,34 @@ fn awkward() -> Vec<[f64; 6]> {
 fn pose_sets() -> Vec<Vec<Pose>> {
     let of = |vectors: &[[f64; 6]]| vectors.iter().map(|v| Pose::from_pose_vector(*v)).collect::<Vec<_>>();
     let (x, y) = ([0.4, 0.1, 0.3, PI, 0.0, 0.0], [0.5, 0.0, 0.2, 0.0, PI, 0.0]);
-    let repeated = of(&[x, x, [0.4, 0.1, 0.3, -PI, 0.0, 0.0], y, [0.3, 0.2, 0.3, 2.9, 0.5, 0.1], [0.4, 0.0, 0.3, 0.5, 0.3, 2.6]]);
-    let tiny = of(&[x, [0.4, 0.1, 0.3 + 1e-9, PI - 1e-9, 0.0, 0.0], [0.4, 0.2, 0.3, 2.8, 0.6, 0.0], [0.3, 0.1, 0.5, 2.8, 0.0, 0.6]]);
-    let half_turns = of(&[[0.1, 0.2, 0.3, 0.0, 0.0, 0.0], x, y, [0.2, -0.3, 0.1, 0.6, 0.3, -0.2], [0.3, 0.3, 0.3, 0.0, 0.0, PI - 1e-7]]);
+    let repeated =
+        of(&[x, x, [0.4, 0.1, 0.3, -PI, 0.0, 0.0], y, [0.3, 0.2, 0.3, 2.9, 0.5, 0.1], [0.4, 0.0, 0.3, 0.5, 0.3, 2.6]]);
+    let tiny = of(&[
+        x,
+        [0.4, 0.1, 0.3 + 1e-9, PI - 1e-9, 0.0, 0.0],
+        [0.4, 0.2, 0.3, 2.8, 0.6, 0.0],
+        [0.3, 0.1, 0.5, 2.8, 0.0, 0.6],
+    ]);
+    let half_turns = of(&[
+        [0.1, 0.2, 0.3, 0.0, 0.0, 0.0],
+        x,
+        y,
+        [0.2, -0.3, 0.1, 0.6, 0.3, -0.2],
+        [0.3, 0.3, 0.3, 0.0, 0.0, PI - 1e-7],
+    ]);
     // Turns about y and z only: with the camera turned by pi about x, Tsai's own equations are singular.
-    let across = of(&[[0.0; 6], [0.1, 0.0, 0.2, 0.0, 0.5, 0.0], [0.0, 0.3, 0.1, 0.0, 0.0, 0.6], [0.2, 0.1, 0.0, 0.0, -0.7, 0.0]]);
+    let across = of(&[
+        [0.0; 6],
+        [0.1, 0.0, 0.2, 0.0, 0.5, 0.0],
+        [0.0, 0.3, 0.1, 0.0, 0.0, 0.6],
+        [0.2, 0.1, 0.0, 0.0, -0.7, 0.0],
+    ]);
     vec![repeated, tiny, half_turns, across, spread_poses(12, 0.6, 7), spread_poses(12, PI, 8)]
+}
+
+/// 1e-11 rad of rounding moves a target 1 km away by 1e-8 m.
+fn rounding_m(pose: &[f64; 6]) -> f64 {
+    1e-11 * (1.0 + Vector3::from_column_slice(&pose[..3]).norm())
 }
 
 #[test]
@@ -45,11 +69,12 @@ fn every_solver_finds_awkward_static_cameras() {
         for (set, poses) in pose_sets().iter().enumerate() {
             let pairs = seen_by_static(&truth, poses);
             for method in METHODS {
-                let found = solve_eye_to_hand(method, &pairs).unwrap_or_else(|e| panic!("{method:?} {truth:?} set {set}: {e}"));
+                let found =
+                    solve_eye_to_hand(method, &pairs).unwrap_or_else(|e| panic!("{method:?} {truth:?} set {set}: {e}"));
                 let what = format!("{method:?} set {set}: {found:?} is not {truth:?}");
                 assert!(found.base_from_camera.distance_to_m(&truth.base_from_camera) < 1e-9, "{what}");
                 assert!(found.base_from_camera.angle_to_rad(&truth.base_from_camera) < 1e-11, "{what}");
-                assert!(found.tcp_from_target.distance_to_m(&truth.tcp_from_target) < 1e-9, "{what}");
+                assert!(found.tcp_from_target.distance_to_m(&truth.tcp_from_target) < rounding_m(&y), "{what}");
                 assert!(found.tcp_from_target.angle_to_rad(&truth.tcp_from_target) < 1e-11, "{what}");
             }
         }
@@ -66,11 +91,12 @@ fn every_solver_finds_awkward_carried_cameras() {
         for (set, poses) in pose_sets().iter().enumerate() {
             let pairs = seen_by_carried(&truth, poses);
             for method in METHODS {
-                let found = solve_eye_in_hand(method, &pairs).unwrap_or_else(|e| panic!("{method:?} {truth:?} set {set}: {e}"));
+                let found =
+                    solve_eye_in_hand(method, &pairs).unwrap_or_else(|e| panic!("{method:?} {truth:?} set {set}: {e}"));
                 let what = format!("{method:?} set {set}: {found:?} is not {truth:?}");
                 assert!(found.tcp_from_camera.distance_to_m(&truth.tcp_from_camera) < 1e-9, "{what}");
                 assert!(found.tcp_from_camera.angle_to_rad(&truth.tcp_from_camera) < 1e-11, "{what}");
-                assert!(found.base_from_target.distance_to_m(&truth.base_from_target) < 1e-9, "{what}");
+                assert!(found.base_from_target.distance_to_m(&truth.base_from_target) < rounding_m(&y), "{what}");
             }
         }
     }
@@ -102,8 +128,10 @@ fn every_solver_hits_the_opencv_regression() {
     let matrix = |v: &serde_json::Value| Matrix3::from_fn(|r, c| v[r][c].as_f64().unwrap());
     let vector = |v: &serde_json::Value| Vector3::from_fn(|r, _| v[r].as_f64().unwrap());
     let pair = |i: usize| Pair {
-        base_from_tcp: Transform::from_matrix(&matrix(&json["R_gripper2base"][i]), vector(&json["t_gripper2base"][i])).unwrap(),
-        camera_from_target: Transform::from_matrix(&matrix(&json["R_target2cam"][i]), vector(&json["t_target2cam"][i])).unwrap(),
+        base_from_tcp: Transform::from_matrix(&matrix(&json["R_gripper2base"][i]), vector(&json["t_gripper2base"][i]))
+            .unwrap(),
+        camera_from_target: Transform::from_matrix(&matrix(&json["R_target2cam"][i]), vector(&json["t_target2cam"][i]))
+            .unwrap(),
     };
     let pairs: Vec<_> = (0..4).map(pair).collect();
     let truth = &json["T_true_cam2gripper"];
@@ -118,32 +146,46 @@ fn every_solver_hits_the_opencv_regression() {
 }
 
 /// Mean and root mean square of the camera's translation error along each axis, over seeds.
-fn errors(method: HandEyeMethod, runs: u64, poses: &[Pose], sigma_m: f64, sigma_rad: f64) -> (Vector3<f64>, Vector3<f64>) {
-    let truth = paper_cell();
-    let exact = seen_by_static(&truth, poses);
+fn errors(
+    method: HandEyeMethod,
+    runs: u64,
+    poses: &[Pose],
+    truth: &EyeToHand,
+    noise: (f64, f64),
+) -> (Vector3<f64>, Vector3<f64>) {
+    let exact = seen_by_static(truth, poses);
     let (mut sum, mut squares) = (Vector3::zeros(), Vector3::zeros());
+    let true_place = Vector3::from(truth.base_from_camera.translation_m());
     for seed in 0..runs {
-        let found = solve_eye_to_hand(method, &noisy(&exact, sigma_m, sigma_rad, seed)).unwrap();
-        let error = Vector3::from(found.base_from_camera.translation_m()) - Vector3::from(truth.base_from_camera.translation_m());
+        let found = solve_eye_to_hand(method, &noisy(&exact, noise.0, noise.1, seed)).unwrap();
+        let error = Vector3::from(found.base_from_camera.translation_m()) - true_place;
         sum += error;
         squares += error.component_mul(&error);
     }
     (sum / runs as f64, (squares / runs as f64).map(f64::sqrt))
 }
 
+/// The camera of the paper, and one that looks back at the robot in an exact half turn.
+fn cells() -> [EyeToHand; 2] {
+    let half_turn = Transform::from_pose_vector([0.125, -0.563, 0.382, 0.0, PI, 0.0]);
+    [paper_cell(), EyeToHand { base_from_camera: half_turn, ..paper_cell() }]
+}
+
 #[test]
 fn noise_averages_out_and_all_solvers_scatter_alike() {
     let poses = spread_poses(15, 0.6, 11);
-    let runs = 300;
-    let reference = errors(HandEyeMethod::Park, runs, &poses, 0.5e-3, 1e-3).1.norm();
-    for method in METHODS {
-        let (mean, rms) = errors(method, runs, &poses, 0.5e-3, 1e-3);
-        eprintln!("{method:?}: mean {mean:?} rms {rms:?}");
-        // The mean of n unbiased errors lies within 4 sigma / sqrt(n), but once in 5000 tries.
-        for axis in 0..3 {
-            assert!(mean[axis].abs() < 4.0 * rms[axis] / (runs as f64).sqrt(), "{method:?} {mean:?} {rms:?}");
+    let runs = 200;
+    for truth in cells() {
+        let reference = errors(HandEyeMethod::Park, runs, &poses, &truth, (0.5e-3, 1e-3)).1.norm();
+        for method in METHODS {
+            let (mean, rms) = errors(method, runs, &poses, &truth, (0.5e-3, 1e-3));
+            eprintln!("{method:?}: mean {mean:?} rms {rms:?}");
+            // The mean of n unbiased errors lies within 4 sigma / sqrt(n), but once in 16,000 tries.
+            for axis in 0..3 {
+                assert!(mean[axis].abs() < 4.0 * rms[axis] / (runs as f64).sqrt(), "{method:?} {mean:?} {rms:?}");
+            }
+            assert!(rms.norm() < 2e-3 && rms.norm() < 1.3 * reference, "{method:?} {rms:?} against {reference}");
         }
-        assert!(rms.norm() < 3e-3 && rms.norm() < 1.6 * reference, "{method:?} {rms:?} against {reference}");
     }
 }
 
@@ -151,8 +193,8 @@ fn noise_averages_out_and_all_solvers_scatter_alike() {
 fn less_noise_means_less_error_in_proportion() {
     let poses = spread_poses(15, 0.6, 12);
     for method in METHODS {
-        let large = errors(method, 100, &poses, 1e-3, 2e-3).1.norm();
-        let small = errors(method, 100, &poses, 1e-5, 2e-5).1.norm();
+        let large = errors(method, 100, &poses, &paper_cell(), (1e-3, 2e-3)).1.norm();
+        let small = errors(method, 100, &poses, &paper_cell(), (1e-5, 2e-5)).1.norm();
         assert!((large / small - 100.0).abs() < 5.0, "{method:?}: {large} {small}");
     }
 }
@@ -199,16 +241,28 @@ fn pose_sets_without_an_answer_are_refused_by_every_solver() {
 #[test]
 fn numbers_that_are_not_finite_are_refused() {
     let good = seen_by_static(&paper_cell(), &spread_poses(6, 0.6, 5));
-    for bad in [f64::NAN, f64::INFINITY, 1e300] {
+    for bad in [f64::NAN, f64::INFINITY] {
         for method in METHODS {
             let mut pairs = good.clone();
-            pairs[2].camera_from_target = Transform::from_parts([0.0, bad, 0.0], pairs[2].camera_from_target.rotation());
+            pairs[2].camera_from_target =
+                Transform::from_parts([0.0, bad, 0.0], pairs[2].camera_from_target.rotation());
             let error = solve_eye_to_hand(method, &pairs).unwrap_err();
-            let named = matches!(error, HandEyeError::NotFinite { pair: 2 } | HandEyeError::Breakdown { .. });
-            assert!(named, "{method:?} {bad}: {error}");
+            assert_eq!(error, HandEyeError::NotFinite { pair: 2 }, "{method:?}");
             pairs[4].base_from_tcp = Pose::from_pose_vector([0.0, 0.0, 0.0, f64::NAN, 0.0, 0.0]);
             let error = solve_eye_to_hand(method, &pairs).unwrap_err();
             assert_eq!(error, HandEyeError::Unobservable(ObservabilityError::NotFinite { pose: 4 }), "{method:?}");
+        }
+    }
+}
+
+#[test]
+fn numbers_out_of_all_proportion_end_in_an_error_or_in_finite_numbers() {
+    let mut pairs = seen_by_static(&paper_cell(), &spread_poses(6, 0.6, 5));
+    for bad in [1e200, 1e300, f64::MAX, 1e-300] {
+        pairs[2].camera_from_target = Transform::from_parts([0.0, bad, 0.0], pairs[2].camera_from_target.rotation());
+        for method in METHODS {
+            let found = solve_eye_to_hand(method, &pairs);
+            assert!(found.is_err() || found.is_ok_and(|f| f.base_from_camera.is_finite()), "{method:?} {bad}");
         }
     }
 }
@@ -229,6 +283,10 @@ fn the_panel_agrees_without_noise_and_its_spread_grows_with_an_outlier() {
     assert!(panel_spread(&solved).is_none() && failed[&HandEyeMethod::Tsai].starts_with("2 poses are too few"));
 }
 
+fn ids(count: usize) -> Vec<String> {
+    (0..count).map(|i| format!("pose {i}")).collect()
+}
+
 #[test]
 fn residuals_and_jackknife_name_the_culprit() {
     let exact = seen_by_static(&paper_cell(), &spread_poses(14, 0.6, 31));
@@ -236,15 +294,17 @@ fn residuals_and_jackknife_name_the_culprit() {
     let error = Transform::from_pose_vector([0.004, -0.006, 0.01, 0.02, 0.0, -0.02]);
     pairs[9].camera_from_target = pairs[9].camera_from_target * error;
     for method in METHODS {
-        let found: Jackknife<EyeToHand> = jackknife(method, &pairs).unwrap();
-        let Uncertainty { culprit, poses, .. } = found.uncertainty;
-        assert_eq!((culprit.pose_id, poses, found.without.len()), (9, 14, 14), "{method:?}");
+        let found: Jackknife<EyeToHand> = jackknife(method, &pairs, &ids(14)).unwrap();
+        let Uncertainty { culprit, poses, scatter_m, .. } = found.uncertainty;
+        assert_eq!((culprit.pose_id.as_str(), poses, found.without.len()), ("pose 9", 14, 14), "{method:?}");
         assert!(culprit.translation_change_m > 0.5e-3, "{method:?}: {culprit:?}");
+        assert!(culprit.scatter_without_m < 0.3 * scatter_m, "{method:?}: {culprit:?} {scatter_m}");
+        // Leaving it out is what the solve of the others gives.
+        let others: Vec<_> = (0..14).filter(|i| *i != 9).map(|i| pairs[i]).collect();
+        assert_eq!(found.without[9], solve_eye_to_hand(method, &others).unwrap());
         let residuals = residuals(&solve_eye_to_hand(method, &pairs).unwrap(), &pairs);
         let worst = (0..14).max_by(|&i, &j| residuals[i].translation_m.total_cmp(&residuals[j].translation_m));
         assert_eq!(worst, Some(9), "{method:?}: {residuals:?}");
-        let ids: Vec<usize> = (100..114).collect();
-        assert_eq!(found.uncertainty.named(&ids).culprit.pose_id, 109);
     }
 }
 
@@ -252,11 +312,12 @@ fn residuals_and_jackknife_name_the_culprit() {
 fn the_jackknife_is_as_large_as_the_real_scatter() {
     let poses = spread_poses(15, 0.6, 41);
     let exact = seen_by_static(&paper_cell(), &poses);
-    let scatter = errors(HandEyeMethod::Tsai, 300, &poses, 0.5e-3, 1e-3).1;
+    let scatter = errors(HandEyeMethod::Tsai, 300, &poses, &paper_cell(), (0.5e-3, 1e-3)).1;
     let runs = 60;
     let mut mean_square = Vector3::zeros();
     for seed in 0..runs {
-        let found: Jackknife<EyeToHand> = jackknife(HandEyeMethod::Tsai, &noisy(&exact, 0.5e-3, 1e-3, 1000 + seed)).unwrap();
+        let found: Jackknife<EyeToHand> =
+            jackknife(HandEyeMethod::Tsai, &noisy(&exact, 0.5e-3, 1e-3, 1000 + seed), &ids(15)).unwrap();
         mean_square += Vector3::from(found.uncertainty.translation_sigma_m).map(|s| s * s) / runs as f64;
     }
     let jackknife = mean_square.map(f64::sqrt);
@@ -271,8 +332,11 @@ fn the_jackknife_is_as_large_as_the_real_scatter() {
 #[test]
 fn the_jackknife_needs_a_set_that_survives_without_any_pose() {
     let pairs = seen_by_static(&paper_cell(), &spread_poses(3, 0.6, 51));
-    let error = jackknife::<EyeToHand>(HandEyeMethod::Tsai, &pairs).unwrap_err();
-    assert!(error.to_string().starts_with("everything hangs on pair 0, because without it: 2 poses are too few"), "{error}");
+    let error = jackknife::<EyeToHand>(HandEyeMethod::Tsai, &pairs, &ids(3)).unwrap_err();
+    assert!(
+        error.to_string().starts_with("everything hangs on pair 0, because without it: 2 poses are too few"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -281,8 +345,8 @@ fn an_answer_serialises_to_the_contract() {
     assert_eq!(json["base_from_camera"]["translation_m"], serde_json::json!([0.125, -0.563, 0.382]));
     assert_eq!(json["tcp_from_target"]["quaternion_xyzw"].as_array().unwrap().len(), 4);
     let pairs = noisy(&seen_by_static(&paper_cell(), &spread_poses(6, 0.6, 61)), 1e-4, 1e-4, 1);
-    let found: Jackknife<EyeToHand> = jackknife(HandEyeMethod::Park, &pairs).unwrap();
+    let found: Jackknife<EyeToHand> = jackknife(HandEyeMethod::Park, &pairs, &ids(6)).unwrap();
     let json = serde_json::to_value(found.uncertainty).unwrap();
     assert_eq!((&json["method"], &json["poses"]), (&"jackknife".into(), &6.into()));
-    assert!(json["translation_sigma_m"][2].as_f64().unwrap() > 0.0 && json["culprit"]["pose_id"].is_u64(), "{json}");
+    assert!(json["translation_sigma_m"][2].as_f64().unwrap() > 0.0 && json["culprit"]["pose_id"].is_string(), "{json}");
 }

@@ -234,7 +234,7 @@ impl Motion {
         let profile = Trapezoid::new(length, speed, acceleration);
         self.path = Some(Path { way, profile, time_s: 0.0 });
         (self.pace, self.rate) = (Pace::Follow, 1.0);
-        let mut rng = noise::generator(self.seed, Stream::Stop, self.stops);
+        let mut rng = noise::generator(self.seed, Stream::Settling, self.stops);
         let size_m = noise::between(&mut rng, self.flaws.repeatability_m);
         self.unseen_goal = self.scaled_to_flange(noise::normal(&mut rng, 1.0), size_m);
     }
@@ -327,7 +327,6 @@ impl Motion {
     fn start_ring(&mut self, last_speed: &Joints) {
         self.stops += 1;
         let mut rng = noise::generator(self.seed, Stream::Stop, self.stops);
-        let _repeatability = rng.clone();
         let amplitude_m = noise::between(&mut rng, self.flaws.ring_amplitude_m);
         let frequency_hz = noise::between(&mut rng, self.flaws.ring_frequency_hz);
         let decay_s = noise::between(&mut rng, self.flaws.ring_decay_s);

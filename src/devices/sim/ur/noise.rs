@@ -11,6 +11,8 @@ pub(super) enum Stream {
     Individual = 1,
     /// What happens at the n-th stop.
     Stop = 2,
+    /// Where the n-th move settles.
+    Settling = 4,
     /// What is measured in the n-th tick.
     Measured = 3,
 }

@@ -1,0 +1,72 @@
+//! `cellcal check`: a cell and its trajectories, without hardware.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde_json::json;
+
+use super::run::load;
+use super::{Exit, print};
+use crate::calibration::observability::{self, Observability, ObservabilityError};
+use crate::calibration::settings::{Carried, PoseKind};
+use crate::cv::charuco;
+use crate::runner::setup::Planned;
+
+/// Checks a cell, its trajectories, reach, limits and duration; needs no hardware.
+#[derive(Debug, Args)]
+pub(super) struct Check {
+    /// The cell file.
+    cell: PathBuf,
+    /// As JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Check {
+    pub(super) fn execute(self) -> anyhow::Result<Exit> {
+        let Planned { cell, plan, setup } = load(&self.cell)?.plan()?;
+        charuco::check_dictionary(&cell.board)?;
+        let hand_eye: Vec<_> =
+            plan.poses.iter().filter(|p| p.kind == PoseKind::HandEye).map(|p| p.base_from_tcp).collect();
+        let found = match cell.carried {
+            Carried::Target => observability::carried_target(&hand_eye),
+            Carried::Cameras => observability::carried_cameras(&hand_eye),
+        };
+        let refused = if hand_eye.is_empty() { None } else { refusal(&found) };
+        let count = |kind| plan.poses.iter().filter(|p| p.kind == kind).count();
+        let counts = [PoseKind::Intrinsics, PoseKind::HandEye, PoseKind::Distance].map(count);
+        if self.json {
+            let report = json!({
+                "cell": cell.name, "poses": plan.poses.len(), "duration_s": plan.duration_s,
+                "intrinsics_poses": counts[0], "hand_eye_poses": counts[1], "distance_poses": counts[2],
+                "pairs": setup.pairs.len(), "warnings": plan.warnings,
+                "observability": found.as_ref().ok(), "refused": refused,
+            });
+            print(&format!("{}\n", serde_json::to_string_pretty(&report)?));
+        } else {
+            let [intrinsics, for_arm, distance] = counts;
+            let mut text = format!(
+                "cell {}: {} poses ({intrinsics} intrinsics, {for_arm} hand-eye, {distance} distance), about {:.0} s of robot time\n",
+                cell.name,
+                plan.poses.len(),
+                plan.duration_s
+            );
+            text.extend(found.iter().map(|o| {
+                let (second, condition) = (o.second_eigenvalue, o.condition);
+                format!("observability: second eigenvalue {second:.3} (at least 0.02), condition {condition:.2} (at most 20)\n")
+            }));
+            text.extend(plan.warnings.iter().map(|w| format!("warning: {w}\n")));
+            text.extend(refused.iter().map(|w| format!("refused: {w}\n")));
+            text.push_str(if refused.is_none() { "ok\n" } else { "" });
+            print(&text);
+        }
+        Ok(if refused.is_some() { Exit::Usage } else { Exit::Ok })
+    }
+}
+
+fn refusal(found: &Result<Observability, ObservabilityError>) -> Option<String> {
+    match found {
+        Ok(observability) => observability.check().err().map(|e| e.to_string()),
+        Err(error) => Some(error.to_string()),
+    }
+}

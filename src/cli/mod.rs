@@ -1,0 +1,93 @@
+//! The command line: one file per subcommand. Data goes to stdout, talk to stderr.
+//!
+//! Uses everything. Start at [`main`].
+
+mod events;
+mod exit;
+mod import;
+mod progress;
+mod replay;
+mod report;
+mod schema;
+mod target;
+
+use clap::{Parser, Subcommand};
+
+pub use exit::Exit;
+
+/// Keeps robot cells calibrated.
+#[derive(Debug, Parser)]
+#[command(name = "cellcal", version, about, after_help = exit::HELP)]
+struct Arguments {
+    /// Threads for vision and solving; results do not depend on it. Default: all cores.
+    #[arg(long, global = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Repeats a recorded session without devices, with identical results.
+    Replay(replay::Replay),
+    /// Turns a foreign data set into a session.
+    Import(import::Import),
+    /// Makes the images that the display shows.
+    #[command(subcommand)]
+    Target(target::Target),
+    /// Shows a session or a result as a report.
+    Report(report::Report),
+    /// Looks into event files.
+    #[command(subcommand)]
+    Events(events::Events),
+    /// Prints the JSON Schema of a file.
+    Schema(schema::Schema),
+}
+
+/// Runs the program; the exit code is that of the table in the README.
+pub fn main() -> std::process::ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            let failed = error.use_stderr();
+            // Help and version go to stdout, mistakes to stderr; nothing can be done where neither can be written.
+            let _ = error.print();
+            return if failed { Exit::Usage.into() } else { Exit::Ok.into() };
+        }
+    };
+    match execute(arguments) {
+        Ok(exit) => exit.into(),
+        Err(error) => {
+            progress::say(&format!("error: {error:#}"));
+            exit::of_error(&error).into()
+        }
+    }
+}
+
+fn execute(arguments: Arguments) -> anyhow::Result<Exit> {
+    let threads = arguments.threads.map_or(0, usize::from);
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
+    // Images are spread over cores by us; threads inside OpenCV would only get in their way.
+    crate::cv::set_threads(1)?;
+    match arguments.command {
+        Command::Replay(command) => command.execute(),
+        Command::Import(command) => command.execute(),
+        Command::Target(command) => command.execute(),
+        Command::Report(command) => command.execute(),
+        Command::Events(command) => command.execute(),
+        Command::Schema(command) => command.execute(),
+    }
+}
+
+/// Writes data to stdout; a reader that has gone away is no error.
+fn print(text: &str) {
+    use std::io::Write as _;
+    let mut out = std::io::stdout().lock();
+    let _ = out.write_all(text.as_bytes());
+    let _ = out.flush();
+}
+
+/// Reads a text file; the error names it.
+fn read_text(path: &std::path::Path) -> anyhow::Result<String> {
+    std::fs::read_to_string(path).map_err(|why| anyhow::anyhow!("{}: {why}", path.display()))
+}

@@ -1,0 +1,283 @@
+//! From the keys of a cell file to a [`Cell`]: units, and what one range cannot say.
+
+use super::cell::{
+    Cell, ChecksCell, DisplayCell, EventCameraCell, FrameCameraCell, MotionLimits, Mount, Nominal, RobotCell,
+    RobotDriver,
+};
+use super::cell_file::{
+    BoardFile, CellFile, EventCameraFile, FrameCameraFile, GatesFile, LimitsFile, NominalFile, RobotFile, SettingsFile,
+};
+use super::dictionaries;
+use super::error::Findings;
+use super::pose::PoseFile;
+use crate::board::{Board, BoardError};
+use crate::calibration::settings::{Carried, Gates, Settings};
+use crate::geometry::{Camera, Transform};
+
+const MODELS: [&str; 1] = ["ur5e"];
+
+pub(super) fn cell(file: CellFile, findings: &mut Findings<'_>) -> Cell {
+    check_name("name", &file.name, findings);
+    check_cameras(&file, findings);
+    check_display(&file.display, findings);
+    if file.trajectories.is_empty() {
+        findings.add("trajectories", "is empty: name at least one trajectory file and its purpose");
+    }
+    let board = board(file.board, findings);
+    let checks =
+        ChecksCell { corner_id: file.checks.corner_id, target_to_tcp_m: file.checks.target_to_tcp_mm.map(metres) };
+    // A board with too few squares has no corners to count.
+    if board.check().is_ok() && board.corner(checks.corner_id).is_none() {
+        let last = board.corner_count() - 1;
+        findings.add("checks.corner_id", format!("is {}, outside 0 to {last}", checks.corner_id));
+    }
+    Cell {
+        name: file.name,
+        carried: file.carried,
+        robot: robot(file.robot, findings),
+        board,
+        display: file.display,
+        nominal: nominal(&file.nominal, file.carried, file.rgb.is_some() && file.event.is_some(), findings),
+        rgb: file.rgb.map(|c| frame_camera(c, findings)),
+        event: file.event.map(event_camera),
+        intrinsics: file.intrinsics,
+        checks,
+        gates: gates(&file.gates),
+        settings: settings(&file.settings),
+        trajectories: file.trajectories,
+        images_per_pose: file.images_per_pose,
+        sim: file.sim,
+    }
+}
+
+fn metres(millimetres: f64) -> f64 {
+    millimetres / 1e3
+}
+
+/// Names become parts of file names and ids.
+pub(super) fn check_name(path: &str, name: &str, findings: &mut Findings<'_>) {
+    let fine = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+    if name.is_empty() || name.len() > 64 || !name.chars().all(fine) {
+        findings.add(path, format!("is {name:?}: use 1 to 64 letters, digits, - and _"));
+    }
+}
+
+fn check_cameras(file: &CellFile, findings: &mut Findings<'_>) {
+    let missing = match file.settings.reference_camera {
+        _ if file.rgb.is_none() && file.event.is_none() => {
+            return findings.add("", "the cell has no camera: give `rgb`, `event` or both");
+        }
+        Some(Camera::Rgb) => file.rgb.is_none(),
+        Some(Camera::Event) => file.event.is_none(),
+        None => false,
+    };
+    if missing {
+        findings.add("settings.reference_camera", "names a camera that the cell does not have: name the other or none");
+    }
+}
+
+fn check_display(display: &DisplayCell, findings: &mut Findings<'_>) {
+    let &DisplayCell { cycle_hz, refresh_hz, .. } = display;
+    let per_state = refresh_hz / (2.0 * cycle_hz);
+    let whole = per_state.round().max(1.0);
+    // Panels of 59.94 Hz are called 60.
+    let even = (per_state / whole - 1.0).abs() <= 0.005;
+    if !even {
+        let [faster, slower] = [per_state.floor().max(1.0), per_state.ceil()].map(|n| refresh_hz / (2.0 * n));
+        findings.add(
+            "display.cycle_hz",
+            format!(
+                "is {cycle_hz}, which a panel of {refresh_hz} Hz cannot show in whole refreshes: use {slower} or {faster}"
+            ),
+        );
+    }
+    if display.panel_px.is_some_and(|px| px.iter().any(|n| !(16..=16384).contains(n))) {
+        findings.add("display.panel_px", "is outside 16 to 16384 columns and rows");
+    }
+}
+
+fn board(file: BoardFile, findings: &mut Findings<'_>) -> Board {
+    let BoardFile { dictionary, squares_x, squares_y, square_mm, marker_mm } = file;
+    let board = Board { squares_x, squares_y, square_m: metres(square_mm), marker_m: metres(marker_mm), dictionary };
+    match board.check() {
+        // Told by their ranges already.
+        Ok(()) | Err(BoardError::Squares { .. } | BoardError::Size { .. }) => {}
+        Err(BoardError::Marker { .. }) => findings.add(
+            "board.marker_mm",
+            format!(
+                "is {marker_mm}, outside {:.3} to {:.3}: a marker is 0.3 to 0.95 of its square of {square_mm} mm",
+                0.3 * square_mm,
+                0.95 * square_mm
+            ),
+        ),
+    }
+    let markers = u64::from(squares_x) * u64::from(squares_y) / 2;
+    match dictionaries::marker_count(&board.dictionary) {
+        None => {
+            let (found, known) = (&board.dictionary, dictionaries::names());
+            findings.add("board.dictionary", format!("is {found:?}, not a dictionary that OpenCV knows: {known}"));
+        }
+        Some(has) if u64::from(has) < markers => {
+            let found = &board.dictionary;
+            findings.add("board.dictionary", format!("is {found}, which has {has} markers; the board needs {markers}"));
+        }
+        Some(_) => {}
+    }
+    board
+}
+
+fn robot(file: RobotFile, findings: &mut Findings<'_>) -> RobotCell {
+    if file.urdf.is_none() && !MODELS.contains(&file.model.as_str()) {
+        let (found, known) = (&file.model, MODELS.join(", "));
+        findings.add("robot.model", format!("is {found:?}, not one of: {known}; other arms need `urdf`"));
+    }
+    if file.driver == RobotDriver::Ur && file.address.is_none() {
+        findings.missing("robot", "address", "the driver `ur` needs the host of the controller");
+    }
+    for (i, keep_out) in file.keep_out.iter().enumerate() {
+        let ordered = keep_out.min_m.iter().zip(keep_out.max_m).all(|(min, max)| *min < max);
+        if !ordered {
+            findings.add(&format!("robot.keep_out[{i}].min_m"), "is not below max_m in each of x, y and z");
+        }
+    }
+    RobotCell {
+        driver: file.driver,
+        model: file.model,
+        urdf: file.urdf,
+        address: file.address,
+        serial: file.serial,
+        tcp_offset: file.tcp_offset.transform("robot.tcp_offset", findings),
+        payload_kg: file.payload_kg,
+        payload_cog_m: file.payload_cog_m,
+        home_joints_rad: file.home_joints_deg.map(f64::to_radians),
+        limits: limits(&file.limits, file.home_joints_deg, findings),
+        allow_reduced: file.allow_reduced,
+        stillness: file.stillness,
+        keep_out: file.keep_out,
+        start_within_rad: file.start_within_deg.to_radians(),
+    }
+}
+
+fn limits(file: &LimitsFile, home_deg: [f64; 6], findings: &mut Findings<'_>) -> MotionLimits {
+    for (i, [min, max]) in file.joints_deg.iter().flatten().enumerate() {
+        let path = format!("robot.limits.joints_deg[{i}]");
+        if !(*min >= -360.0 && *max <= 360.0 && min < max) {
+            findings.add(&path, format!("is {min} to {max}: give the smallest first, inside -360 to 360"));
+        } else if !(*min..=*max).contains(&home_deg[i]) {
+            findings.add(&format!("robot.home_joints_deg[{i}]"), format!("is {}, outside {min} to {max}", home_deg[i]));
+        }
+    }
+    MotionLimits {
+        joint_speed_rad_s: file.joint_speed_rad_s,
+        joint_acceleration_rad_s2: file.joint_acceleration_rad_s2,
+        tcp_speed_m_s: file.tcp_speed_m_s,
+        tcp_acceleration_m_s2: file.tcp_acceleration_m_s2,
+        joints_rad: file.joints_deg.map(|joints| joints.map(|range| range.map(f64::to_radians))),
+    }
+}
+
+fn frame_camera(file: FrameCameraFile, findings: &mut Findings<'_>) -> FrameCameraCell {
+    let busy = file.exposure_s * file.images_per_s;
+    if busy > 1.0 {
+        findings.add(
+            "rgb.exposure_s",
+            format!("is {}, longer than the {} s between two images", file.exposure_s, 1.0 / file.images_per_s),
+        );
+    }
+    FrameCameraCell {
+        driver: file.driver,
+        serial: file.serial,
+        width: file.width,
+        height: file.height,
+        lens: file.lens,
+        focal_length_m: metres(file.focal_length_mm),
+        pixel_pitch_m: file.pixel_pitch_um / 1e6,
+        exposure_s: file.exposure_s,
+        images_per_s: file.images_per_s,
+    }
+}
+
+fn event_camera(file: EventCameraFile) -> EventCameraCell {
+    EventCameraCell {
+        driver: file.driver,
+        serial: file.serial,
+        width: file.width,
+        height: file.height,
+        lens: file.lens,
+        focal_length_m: metres(file.focal_length_mm),
+        pixel_pitch_m: file.pixel_pitch_um / 1e6,
+        trigger_channel: file.trigger_channel,
+    }
+}
+
+fn nominal(file: &NominalFile, carried: Carried, two_cameras: bool, findings: &mut Findings<'_>) -> Nominal {
+    let (word, [needs, unused]) = match carried {
+        Carried::Target => (
+            "target",
+            [
+                [("base_from_camera", &file.base_from_camera), ("tcp_from_target", &file.tcp_from_target)],
+                [("tcp_from_camera", &file.tcp_from_camera), ("base_from_target", &file.base_from_target)],
+            ],
+        ),
+        Carried::Cameras => (
+            "cameras",
+            [
+                [("tcp_from_camera", &file.tcp_from_camera), ("base_from_target", &file.base_from_target)],
+                [("base_from_camera", &file.base_from_camera), ("tcp_from_target", &file.tcp_from_target)],
+            ],
+        ),
+    };
+    for (key, _) in unused.iter().filter(|(_, pose)| pose.is_some()) {
+        findings.add(&format!("nominal.{key}"), format!("does not go with `carried: {word}`: remove it"));
+    }
+    for (key, _) in needs.iter().filter(|(_, pose)| pose.is_none()) {
+        findings.missing("nominal", key, &format!("`carried: {word}` needs it"));
+    }
+    if two_cameras && file.event_from_rgb.is_none() {
+        findings.missing("nominal", "event_from_rgb", "a cell with two cameras needs it");
+    }
+    let mount = match carried {
+        Carried::Target => Mount::Target {
+            base_from_camera: optional("base_from_camera", &file.base_from_camera, findings),
+            tcp_from_target: optional("tcp_from_target", &file.tcp_from_target, findings),
+        },
+        Carried::Cameras => Mount::Cameras {
+            tcp_from_camera: optional("tcp_from_camera", &file.tcp_from_camera, findings),
+            base_from_target: optional("base_from_target", &file.base_from_target, findings),
+        },
+    };
+    let event_from_rgb = file.event_from_rgb.map(|pose| pose.transform("nominal.event_from_rgb", findings));
+    Nominal { mount, event_from_rgb }
+}
+
+/// The transform; one that is missing has been told already.
+fn optional<To, From>(key: &str, pose: &Option<PoseFile>, findings: &mut Findings<'_>) -> Transform<To, From> {
+    pose.map_or_else(Transform::identity, |pose| pose.transform(&format!("nominal.{key}"), findings))
+}
+
+fn gates(file: &GatesFile) -> Gates {
+    Gates {
+        rgb_rms_px: file.rgb_rms_px,
+        event_rms_px: file.event_rms_px,
+        stereo_rms_px: file.stereo_rms_px,
+        corner_rate: file.corner_rate,
+        target_to_tcp_sigma_m: file.target_to_tcp_sigma_mm.map(metres),
+        target_to_tcp_max_m: file.target_to_tcp_max_mm.map(metres),
+        target_to_tcp_bias_m: file.target_to_tcp_bias_mm.map(metres),
+        base_distance_mae_m: file.base_distance_mae_mm.map(metres),
+        base_vector_mae_m: file.base_vector_mae_mm.map(metres),
+        panel_spread_m: file.panel_spread_mm.map(metres),
+    }
+}
+
+fn settings(file: &SettingsFile) -> Settings {
+    let usual = Settings::default();
+    Settings {
+        method: file.method.unwrap_or(usual.method),
+        reject_view_above_px: file.reject_view_above_px.unwrap_or(usual.reject_view_above_px),
+        min_corners: file.min_corners.map_or(usual.min_corners, |n| n as usize),
+        pnp: file.pnp.unwrap_or(usual.pnp),
+        hand_eye: file.hand_eye.unwrap_or(usual.hand_eye),
+        reference_camera: file.reference_camera,
+    }
+}

@@ -1,0 +1,346 @@
+//! A cell file as it is written: the keys, their units and their ranges. `cell_convert` makes a cell of it.
+
+use garde::Validate;
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::cell::{
+    DisplayCell, EventDriver, FrameDriver, IntrinsicsSource, KeepOut, RobotDriver, SimCell, Stillness, TrajectoryUse,
+};
+use super::pose::PoseFile;
+use crate::calibration::settings::{Carried, HandEyeMethod, Method, Pnp};
+use crate::geometry::Camera;
+
+/// A robot cell: robot, cameras, board, limits, gates and the trajectories of a session.
+#[derive(Debug, Deserialize, Validate, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(title = "cell", rename = "Cell")]
+#[garde(allow_unvalidated)]
+pub(super) struct CellFile {
+    /// Letters, digits, `-` and `_`; the folder of its sessions.
+    pub(super) name: String,
+    /// What the robot carries: the display (`target`) or the `cameras`.
+    pub(super) carried: Carried,
+    /// The arm.
+    #[garde(dive)]
+    pub(super) robot: RobotFile,
+    /// The ChArUco board on the display.
+    #[garde(dive)]
+    pub(super) board: BoardFile,
+    /// The display.
+    #[garde(dive)]
+    pub(super) display: DisplayCell,
+    /// The frame camera.
+    #[garde(dive)]
+    pub(super) rgb: Option<FrameCameraFile>,
+    /// The event camera.
+    #[garde(dive)]
+    pub(super) event: Option<EventCameraFile>,
+    /// Where everything is, roughly: for planning, never for solving.
+    #[garde(dive)]
+    pub(super) nominal: NominalFile,
+    /// `solve`, or `from: RESULT` with a result.json relative to this file.
+    #[serde(default)]
+    pub(super) intrinsics: IntrinsicsSource,
+    /// Truth for the checks.
+    #[serde(default)]
+    #[garde(dive)]
+    pub(super) checks: ChecksFile,
+    /// Limits of a result that passes; an absent gate is not judged.
+    #[serde(default)]
+    #[garde(dive)]
+    pub(super) gates: GatesFile,
+    /// How numbers are made.
+    #[serde(default)]
+    #[garde(dive)]
+    pub(super) settings: SettingsFile,
+    /// The trajectories of a session, in order.
+    #[schemars(length(min = 1))]
+    pub(super) trajectories: Vec<TrajectoryUse>,
+    /// Images of the frame camera, and event windows, at each pose.
+    #[serde(default = "one")]
+    #[garde(range(min = 1, max = 100))]
+    pub(super) images_per_pose: u32,
+    /// The simulated cell.
+    pub(super) sim: Option<SimCell>,
+}
+
+fn one() -> u32 {
+    1
+}
+
+/// The arm and how it may move.
+#[derive(Debug, Deserialize, Validate, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Robot")]
+#[garde(allow_unvalidated)]
+pub(super) struct RobotFile {
+    /// `sim` or `ur`.
+    pub(super) driver: RobotDriver,
+    /// Model name; `ur5e`.
+    pub(super) model: String,
+    /// A URDF to use instead of the nominal model, relative to this file; links `base` and `flange`.
+    pub(super) urdf: Option<String>,
+    /// Host name or IP address of the controller.
+    pub(super) address: Option<String>,
+    /// Serial number that the controller must report.
+    pub(super) serial: Option<String>,
+    /// The TCP in the flange, exactly as it is set on the controller.
+    #[garde(dive)]
+    pub(super) tcp_offset: PoseFile,
+    /// Payload as it is set on the controller, kg.
+    #[garde(range(min = 0.0, max = 50.0))]
+    pub(super) payload_kg: f64,
+    /// Its centre of gravity in the flange, metres.
+    #[serde(default)]
+    #[garde(inner(range(min = -1.0, max = 1.0)))]
+    pub(super) payload_cog_m: [f64; 3],
+    /// Where a session starts and ends, degrees.
+    #[garde(inner(range(min = -360.0, max = 360.0)))]
+    pub(super) home_joints_deg: [f64; 6],
+    /// Farthest that a joint may be from home at the start, degrees.
+    #[serde(default = "default_start_within_deg")]
+    #[garde(range(min = 0.0, max = 360.0))]
+    pub(super) start_within_deg: f64,
+    /// Caps of every move.
+    #[serde(default)]
+    #[garde(dive)]
+    pub(super) limits: LimitsFile,
+    /// Whether the arm may move in reduced mode.
+    #[serde(default)]
+    pub(super) allow_reduced: bool,
+    /// What counts as standing still.
+    #[serde(default)]
+    #[garde(dive)]
+    pub(super) stillness: Stillness,
+    /// Boxes in `base` that tool and board must not enter.
+    #[serde(default)]
+    #[garde(dive)]
+    pub(super) keep_out: Vec<KeepOut>,
+}
+
+fn default_start_within_deg() -> f64 {
+    10.0
+}
+
+/// Caps of every move.
+#[derive(Debug, Deserialize, Validate, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+#[schemars(rename = "MotionLimits")]
+#[garde(allow_unvalidated)]
+pub(super) struct LimitsFile {
+    /// Speed of the leading joint, rad/s.
+    #[garde(range(min = 0.01, max = 3.15))]
+    pub(super) joint_speed_rad_s: f64,
+    /// Acceleration of the leading joint, rad/s2.
+    #[garde(range(min = 0.05, max = 10.0))]
+    pub(super) joint_acceleration_rad_s2: f64,
+    /// Speed of the TCP, m/s.
+    #[garde(range(min = 0.01, max = 1.0))]
+    pub(super) tcp_speed_m_s: f64,
+    /// Acceleration of the TCP, m/s2.
+    #[garde(range(min = 0.05, max = 5.0))]
+    pub(super) tcp_acceleration_m_s2: f64,
+    /// Smallest and largest position of each joint, degrees; absent: those of the model.
+    pub(super) joints_deg: Option<[[f64; 2]; 6]>,
+}
+
+impl Default for LimitsFile {
+    fn default() -> Self {
+        Self {
+            joint_speed_rad_s: 1.05,
+            joint_acceleration_rad_s2: 1.4,
+            tcp_speed_m_s: 0.25,
+            tcp_acceleration_m_s2: 0.5,
+            joints_deg: None,
+        }
+    }
+}
+
+/// The ChArUco board.
+#[derive(Debug, Deserialize, Validate, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Board")]
+#[garde(allow_unvalidated)]
+pub(super) struct BoardFile {
+    /// ArUco dictionary by OpenCV's name, such as `DICT_4X4_50`.
+    pub(super) dictionary: String,
+    /// Squares along x.
+    #[garde(range(min = 3, max = 100))]
+    pub(super) squares_x: u32,
+    /// Squares along y.
+    #[garde(range(min = 3, max = 100))]
+    pub(super) squares_y: u32,
+    /// Side of a square as measured on the display, millimetres.
+    #[garde(range(min = 1.0, max = 1000.0))]
+    pub(super) square_mm: f64,
+    /// Side of a marker, millimetres; 0.3 to 0.95 of the square.
+    #[garde(range(min = 0.3, max = 950.0))]
+    pub(super) marker_mm: f64,
+}
+
+/// The frame camera.
+#[derive(Debug, Deserialize, Validate, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "FrameCamera")]
+#[garde(allow_unvalidated)]
+pub(super) struct FrameCameraFile {
+    /// `sim` or `genicam`.
+    pub(super) driver: FrameDriver,
+    /// Serial number.
+    pub(super) serial: Option<String>,
+    /// Image width, pixels.
+    #[garde(range(min = 64, max = 20000))]
+    pub(super) width: u32,
+    /// Image height, pixels.
+    #[garde(range(min = 64, max = 20000))]
+    pub(super) height: u32,
+    /// The lens and its setting, in words; a change makes old intrinsics useless.
+    pub(super) lens: String,
+    /// Focal length, millimetres.
+    #[garde(range(min = 0.5, max = 500.0))]
+    pub(super) focal_length_mm: f64,
+    /// Distance between pixels, micrometres.
+    #[garde(range(min = 0.5, max = 50.0))]
+    pub(super) pixel_pitch_um: f64,
+    /// Exposure time, seconds.
+    #[serde(default = "default_exposure_s")]
+    #[garde(range(min = 0.00001, max = 10.0))]
+    pub(super) exposure_s: f64,
+    /// Images per second.
+    #[serde(default = "default_images_per_s")]
+    #[garde(range(min = 0.1, max = 1000.0))]
+    pub(super) images_per_s: f64,
+}
+
+fn default_exposure_s() -> f64 {
+    0.0999
+}
+
+fn default_images_per_s() -> f64 {
+    10.0
+}
+
+/// The event camera.
+#[derive(Debug, Deserialize, Validate, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "EventCamera")]
+#[garde(allow_unvalidated)]
+pub(super) struct EventCameraFile {
+    /// `sim` or `evk4`.
+    pub(super) driver: EventDriver,
+    /// Serial number.
+    pub(super) serial: Option<String>,
+    /// Sensor width, pixels.
+    #[garde(range(min = 64, max = 4096))]
+    pub(super) width: u32,
+    /// Sensor height, pixels.
+    #[garde(range(min = 64, max = 4096))]
+    pub(super) height: u32,
+    /// The lens and its setting, in words; a change makes old intrinsics useless.
+    pub(super) lens: String,
+    /// Focal length, millimetres.
+    #[garde(range(min = 0.5, max = 500.0))]
+    pub(super) focal_length_mm: f64,
+    /// Distance between pixels, micrometres.
+    #[garde(range(min = 0.5, max = 50.0))]
+    pub(super) pixel_pitch_um: f64,
+    /// Channel of the trigger input that marks exposures.
+    #[serde(default)]
+    #[garde(range(min = 0, max = 31))]
+    pub(super) trigger_channel: u8,
+}
+
+/// Rough places; `camera` is the reference camera. Which keys are needed depends on `carried`.
+#[derive(Debug, Deserialize, Validate, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Nominal")]
+pub(super) struct NominalFile {
+    /// `carried: target`: the static camera in the base of the robot.
+    #[garde(dive)]
+    pub(super) base_from_camera: Option<PoseFile>,
+    /// `carried: target`: the board in the TCP.
+    #[garde(dive)]
+    pub(super) tcp_from_target: Option<PoseFile>,
+    /// `carried: cameras`: the camera in the TCP.
+    #[garde(dive)]
+    pub(super) tcp_from_camera: Option<PoseFile>,
+    /// `carried: cameras`: the static board in the base of the robot.
+    #[garde(dive)]
+    pub(super) base_from_target: Option<PoseFile>,
+    /// With two cameras: the frame camera in the event camera.
+    #[garde(dive)]
+    pub(super) event_from_rgb: Option<PoseFile>,
+}
+
+/// Truth for the checks.
+#[derive(Debug, Default, Deserialize, Validate, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+#[schemars(rename = "Checks")]
+#[garde(allow_unvalidated)]
+pub(super) struct ChecksFile {
+    /// The corner of the target-to-TCP check.
+    pub(super) corner_id: u32,
+    /// Its distance from the TCP as measured on the tool, millimetres.
+    #[garde(range(min = 0.0, max = 2000.0))]
+    pub(super) target_to_tcp_mm: Option<f64>,
+}
+
+/// Limits of a result that passes; an absent gate is not judged.
+#[derive(Debug, Default, Deserialize, Validate, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+#[schemars(rename = "Gates")]
+pub(super) struct GatesFile {
+    /// Largest RMS reprojection error of the frame camera, px.
+    #[garde(range(min = 0.001, max = 100.0))]
+    pub(super) rgb_rms_px: Option<f64>,
+    /// Largest RMS reprojection error of the event camera, px.
+    #[garde(range(min = 0.001, max = 100.0))]
+    pub(super) event_rms_px: Option<f64>,
+    /// Largest RMS reprojection error of the stereo pair, px.
+    #[garde(range(min = 0.001, max = 100.0))]
+    pub(super) stereo_rms_px: Option<f64>,
+    /// Smallest share of corners found, 0 to 1, each camera.
+    #[garde(range(min = 0.0, max = 1.0))]
+    pub(super) corner_rate: Option<f64>,
+    /// Largest standard deviation of the target-to-TCP distance, millimetres.
+    #[garde(range(min = 0.001, max = 1000.0))]
+    pub(super) target_to_tcp_sigma_mm: Option<f64>,
+    /// Largest error of the target-to-TCP distance at one pose, millimetres.
+    #[garde(range(min = 0.001, max = 1000.0))]
+    pub(super) target_to_tcp_max_mm: Option<f64>,
+    /// Largest |mean error| of the target-to-TCP distance, millimetres.
+    #[garde(range(min = 0.001, max = 1000.0))]
+    pub(super) target_to_tcp_bias_mm: Option<f64>,
+    /// Largest mean absolute error of the base-frame distances, millimetres.
+    #[garde(range(min = 0.001, max = 1000.0))]
+    pub(super) base_distance_mae_mm: Option<f64>,
+    /// Largest mean error of the displacement vectors, millimetres.
+    #[garde(range(min = 0.001, max = 1000.0))]
+    pub(super) base_vector_mae_mm: Option<f64>,
+    /// Largest distance between the translations of two hand-eye solvers, millimetres.
+    #[garde(range(min = 0.001, max = 1000.0))]
+    pub(super) panel_spread_mm: Option<f64>,
+}
+
+/// How numbers are made.
+#[derive(Debug, Default, Deserialize, Validate, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+#[schemars(rename = "Settings")]
+#[garde(allow_unvalidated)]
+pub(super) struct SettingsFile {
+    /// How corners are found.
+    pub(super) method: Option<Method>,
+    /// Views with a larger RMS reprojection error are dropped once; px.
+    #[garde(range(min = 0.01, max = 100.0))]
+    pub(super) reject_view_above_px: Option<f64>,
+    /// Fewest corners of a usable view.
+    #[garde(range(min = 4, max = 10000))]
+    pub(super) min_corners: Option<u32>,
+    /// Board pose from a view.
+    pub(super) pnp: Option<Pnp>,
+    /// The hand-eye solver that gives the result.
+    pub(super) hand_eye: Option<HandEyeMethod>,
+    /// The camera that the hand-eye result is for; absent: event where present.
+    pub(super) reference_camera: Option<Camera>,
+}

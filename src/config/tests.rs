@@ -1,0 +1,1 @@
+//! Files as people get them wrong, and what they are told.

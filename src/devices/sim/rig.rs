@@ -1,0 +1,229 @@
+//! The two simulated cameras as drivers, joined by their trigger wire.
+//!
+//! The frame camera is the master: it exposes at a steady rate and ends a capture with one short closing
+//! pulse. The event camera has its own clock, off by seconds and some parts per million.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::scene::Scene;
+use super::ur::{SimClock, Truth};
+use crate::devices::{CameraError, EventCamera, FrameCamera, FrameImage, RawEvents};
+use crate::events::{Encoder, Event, Format, Trigger};
+use crate::geometry::{self, Base, Camera, Flange, Rgb, Target, Transform};
+use crate::session::Exposure;
+
+/// Length of the closing pulse, s.
+const CLOSING_PULSE_S: f64 = 0.001;
+/// Events are recorded from this long before the first exposure to this long after the closing edge, s.
+const MARGIN_S: f64 = 0.004;
+
+/// Where the simulated cameras and the display truly are.
+#[derive(Debug, Clone, Copy)]
+pub enum Placement {
+    /// The arm carries the display.
+    CarriedTarget {
+        /// The frame camera in the cell.
+        rgb_from_base: Transform<Rgb, Base>,
+        /// The event camera in the cell.
+        event_from_base: Transform<geometry::Event, Base>,
+        /// The display on the arm.
+        flange_from_target: Transform<Flange, Target>,
+    },
+    /// The arm carries the cameras.
+    CarriedCameras {
+        /// The frame camera on the arm.
+        rgb_from_flange: Transform<Rgb, Flange>,
+        /// The event camera on the arm.
+        event_from_flange: Transform<geometry::Event, Flange>,
+        /// The display in the cell.
+        base_from_target: Transform<Base, Target>,
+    },
+}
+
+impl Placement {
+    /// The board before the frame camera with the flange here.
+    pub fn rgb_from_target(&self, base_from_flange: Transform<Base, Flange>) -> Transform<Rgb, Target> {
+        match *self {
+            Self::CarriedTarget { rgb_from_base, flange_from_target, .. } => {
+                rgb_from_base * base_from_flange * flange_from_target
+            }
+            Self::CarriedCameras { rgb_from_flange, base_from_target, .. } => {
+                rgb_from_flange * base_from_flange.inverse() * base_from_target
+            }
+        }
+    }
+
+    /// The board before the event camera with the flange here.
+    pub fn event_from_target(&self, base_from_flange: Transform<Base, Flange>) -> Transform<geometry::Event, Target> {
+        match *self {
+            Self::CarriedTarget { event_from_base, flange_from_target, .. } => {
+                event_from_base * base_from_flange * flange_from_target
+            }
+            Self::CarriedCameras { event_from_flange, base_from_target, .. } => {
+                event_from_flange * base_from_flange.inverse() * base_from_target
+            }
+        }
+    }
+}
+
+/// What both cameras share.
+pub struct Rig {
+    /// Display and sensors.
+    pub scene: Scene,
+    /// Where everything truly is.
+    pub placement: Placement,
+    /// Where the arm truly is.
+    pub truth: Truth,
+    /// Simulated time.
+    pub clock: SimClock,
+    /// Exposure time, s.
+    pub exposure_s: f64,
+    /// From one exposure to the next, s.
+    pub period_s: f64,
+    /// Start of some exposure, s.
+    pub phase_s: f64,
+    /// Event clock at simulated time 0, s.
+    pub event_offset_s: f64,
+    /// How much faster the event clock runs, ppm.
+    pub event_drift_ppm: f64,
+    /// Trigger input of the event camera.
+    pub trigger_channel: u8,
+    /// Sensor size of the event camera, pixels.
+    pub event_size: [u32; 2],
+    /// Exposures of the capture that is going on.
+    pub burst: Mutex<Vec<Exposure>>,
+}
+
+impl Rig {
+    /// The next `images` exposures that begin after now.
+    fn plan(&self, images: u32) -> Vec<Exposure> {
+        let now_s = self.clock.seconds() + 1e-6;
+        let first = ((now_s - self.phase_s) / self.period_s).ceil();
+        let start = |i: u32| self.phase_s + (first + f64::from(i)) * self.period_s;
+        (0..images).map(|i| Exposure { start_s: start(i), end_s: start(i) + self.exposure_s, image: true }).collect()
+    }
+
+    fn set_burst(&self, exposures: &[Exposure]) {
+        *self.burst.lock().unwrap_or_else(PoisonError::into_inner) = exposures.to_vec();
+    }
+
+    fn burst(&self) -> Vec<Exposure> {
+        self.burst.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Start of the closing pulse of a burst, s.
+    fn closing_s(&self, burst: &[Exposure]) -> Option<f64> {
+        burst.last().map(|last| last.start_s + self.period_s)
+    }
+
+    fn is_over(&self, burst: &[Exposure]) -> bool {
+        self.closing_s(burst).is_some_and(|closing_s| self.clock.seconds() >= closing_s + 2.0 * MARGIN_S)
+    }
+
+    /// True pose of the flange in the middle of an interval.
+    fn flange_at(&self, at_s: f64, camera: Camera) -> Result<Transform<Base, Flange>, CameraError> {
+        let why = || format!("the simulated arm has no true pose at {at_s:.3} s");
+        self.truth.base_from_flange_at(at_s).ok_or_else(|| CameraError::Failed { camera, why: why() })
+    }
+
+    fn sensor_us(&self, host_us: i64) -> i64 {
+        let rate = 1.0 + self.event_drift_ppm * 1e-6;
+        (self.event_offset_s * 1e6 + host_us as f64 * rate).round() as i64
+    }
+
+    fn edges(&self, burst: &[Exposure]) -> Vec<Trigger> {
+        let edge = |host_s: f64, rising: bool| {
+            let t_us = self.sensor_us((host_s * 1e6).round() as i64);
+            Trigger { t_us, channel: self.trigger_channel, rising }
+        };
+        let mut edges: Vec<_> = burst.iter().flat_map(|e| [edge(e.start_s, true), edge(e.end_s, false)]).collect();
+        if let Some(closing_s) = self.closing_s(burst) {
+            edges.extend([edge(closing_s, true), edge(closing_s + CLOSING_PULSE_S, false)]);
+        }
+        edges
+    }
+}
+
+/// The simulated frame camera.
+pub struct SimFrameCamera {
+    rig: Arc<Rig>,
+    waiting: Option<Vec<Exposure>>,
+}
+
+impl SimFrameCamera {
+    /// A frame camera of the rig.
+    pub fn new(rig: Arc<Rig>) -> Self {
+        Self { rig, waiting: None }
+    }
+}
+
+impl FrameCamera for SimFrameCamera {
+    fn begin(&mut self, images: u32) -> Result<(), CameraError> {
+        let burst = self.rig.plan(images);
+        self.rig.set_burst(&burst);
+        self.waiting = Some(burst);
+        Ok(())
+    }
+
+    fn poll(&mut self) -> Result<Option<Vec<FrameImage>>, CameraError> {
+        let Some(burst) = self.waiting.take_if(|burst| self.rig.is_over(burst)) else { return Ok(None) };
+        let image = |exposure: &Exposure| {
+            let middle_s = 0.5 * (exposure.start_s + exposure.end_s);
+            let base_from_flange = self.rig.flange_at(middle_s, Camera::Rgb)?;
+            let pose = self.rig.placement.rgb_from_target(base_from_flange);
+            let image = self.rig.scene.expose(&pose, exposure.start_s, exposure.end_s - exposure.start_s);
+            Ok(FrameImage { exposure: *exposure, image })
+        };
+        burst.iter().map(image).collect::<Result<_, _>>().map(Some)
+    }
+}
+
+/// The simulated event camera.
+pub struct SimEventCamera {
+    rig: Arc<Rig>,
+    /// Where there is no frame camera the trigger input is driven by a pulse generator.
+    alone: Option<u32>,
+    encoder: Encoder,
+}
+
+impl SimEventCamera {
+    /// An event camera of the rig; `alone` is the number of trigger pulses where no frame camera gives them.
+    pub fn new(rig: Arc<Rig>, alone: Option<u32>) -> Self {
+        Self { rig, alone, encoder: Encoder::new(Format::Evt3) }
+    }
+}
+
+impl EventCamera for SimEventCamera {
+    fn begin(&mut self) -> Result<(), CameraError> {
+        if let Some(pulses) = self.alone {
+            let burst = self.rig.plan(pulses);
+            self.rig.set_burst(&burst);
+        }
+        Ok(())
+    }
+
+    fn end(&mut self) -> Result<Vec<RawEvents>, CameraError> {
+        let burst = self.rig.burst();
+        let failed = |why: String| CameraError::Failed { camera: Camera::Event, why };
+        let (Some(first), Some(closing_s)) = (burst.first(), self.rig.closing_s(&burst)) else {
+            return Err(failed("no exposure has been triggered".into()));
+        };
+        let (from_s, to_s) = (first.start_s - MARGIN_S, closing_s + MARGIN_S);
+        let base_from_flange = self.rig.flange_at(0.5 * (from_s + to_s), Camera::Event)?;
+        let pose = self.rig.placement.event_from_target(base_from_flange);
+        let mut events = self.rig.scene.events(&pose, from_s, to_s);
+        for Event { t_us, .. } in &mut events {
+            *t_us = self.rig.sensor_us(*t_us);
+        }
+        let edges = self.rig.edges(&burst);
+        let mut words = Vec::new();
+        self.encoder.restart();
+        self.encoder.encode(&events, &edges, &mut words).map_err(|e| failed(e.to_string()))?;
+        let first_us = events.first().map_or(edges[0].t_us, |e| e.t_us.min(edges[0].t_us));
+        Ok(vec![RawEvents { first_us, words }])
+    }
+
+    fn size(&self) -> [u32; 2] {
+        self.rig.event_size
+    }
+}

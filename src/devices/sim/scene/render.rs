@@ -1,0 +1,199 @@
+//! What a camera sees of the display in both of its states, in cd/m2, free of noise.
+
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+use rayon::prelude::*;
+
+use super::blur::{Veil, gaussian};
+use super::optics::Lens;
+use super::panel::{EmissionField, Panel};
+use super::texture::Shares;
+use crate::geometry::{Target, Transform};
+
+/// Step of the search for the display in the image, px; also the border around what was found.
+const SEARCH_STEP_PX: usize = 8;
+
+/// A rectangle of pixels.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Roi {
+    pub(super) x: usize,
+    pub(super) y: usize,
+    pub(super) width: usize,
+    pub(super) height: usize,
+}
+
+impl Roi {
+    /// Index of a pixel within the rectangle.
+    pub(super) fn index(&self, x: usize, y: usize) -> Option<usize> {
+        let (x, y) = (x.checked_sub(self.x)?, y.checked_sub(self.y)?);
+        (x < self.width && y < self.height).then_some(y * self.width + x)
+    }
+}
+
+/// Both states of the scene in one camera: pattern first, then blended.
+#[derive(Debug)]
+pub(super) struct Rendered {
+    /// Where the display is in the image; the background is everywhere else.
+    pub(super) roi: Roi,
+    planes: [Vec<f32>; 2],
+    /// Display row that each pixel of `roi` sees, 0 to 1.
+    pub(super) scan: Vec<f32>,
+    veils: [Veil; 2],
+    direct_background: f32,
+}
+
+impl Rendered {
+    /// Renders the display through a lens.
+    pub(super) fn new<C>(panel: &Panel, lens: &Lens, camera_from_target: &Transform<C, Target>) -> Self {
+        let caster = Caster::new(panel, camera_from_target);
+        let roi = find_display(&caster, lens);
+        let (mut planes, scan) = cast_all(&caster, lens, roi);
+        let spec = &panel.spec;
+        let background = spec.background_cd_m2 as f32;
+        let direct = (1.0 - spec.glare) as f32;
+        let size = [lens.optics.width, lens.optics.height];
+        let veils = planes.each_mut().map(|plane| {
+            gaussian(plane, roi.width, lens.optics.psf_sigma_px);
+            let veil = Veil::new(plane, roi, size, background, spec.glare, spec.glare_sigma_px);
+            plane.iter_mut().for_each(|v| *v *= direct);
+            veil
+        });
+        Self { roi, planes, scan, veils, direct_background: direct * background }
+    }
+
+    /// Luminance of both states at a pixel, with glare, cd/m2.
+    pub(super) fn states(&self, x: usize, y: usize) -> [f32; 2] {
+        let index = self.roi.index(x, y);
+        [0, 1].map(|s| self.veils[s].at(x, y) + index.map_or(self.direct_background, |i| self.planes[s][i]))
+    }
+
+    /// Luminance at a pixel where the share `blend` of the time is spent in the blended state, cd/m2.
+    ///
+    /// Glare comes from the whole display, of which `mean_blend` is blended.
+    pub(super) fn blended(&self, x: usize, y: usize, blend: impl Fn(f32) -> f32, mean_blend: f32) -> f32 {
+        let [dark, bright] = [0, 1].map(|s| self.veils[s].at(x, y));
+        let veil = dark + mean_blend * (bright - dark);
+        veil + self.roi.index(x, y).map_or(self.direct_background, |i| {
+            let [dark, bright] = [0, 1].map(|s| self.planes[s][i]);
+            dark + blend(self.scan[i]) * (bright - dark)
+        })
+    }
+}
+
+/// The smallest rectangle with the display in it, with a border for the point spread.
+fn find_display(caster: &Caster, lens: &Lens) -> Roi {
+    let (w, h) = (lens.optics.width, lens.optics.height);
+    let coarse = |n: usize| (0..n).step_by(SEARCH_STEP_PX).chain(std::iter::once(n - 1));
+    let mut bounds: Option<[usize; 4]> = None;
+    for y in coarse(h) {
+        for x in coarse(w).filter(|x| caster.meets_display(lens.ray(*x, y))) {
+            let [x0, y0, x1, y1] = bounds.unwrap_or([x, y, x, y]);
+            bounds = Some([x0.min(x), y0.min(y), x1.max(x), y1.max(y)]);
+        }
+    }
+    let Some([x0, y0, x1, y1]) = bounds else { return Roi::default() };
+    let border = SEARCH_STEP_PX + (4.0 * lens.optics.psf_sigma_px).ceil() as usize;
+    let (x, y) = (x0.saturating_sub(border), y0.saturating_sub(border));
+    Roi { x, y, width: (x1 + border + 1).min(w) - x, height: (y1 + border + 1).min(h) - y }
+}
+
+fn cast_all(caster: &Caster, lens: &Lens, roi: Roi) -> ([Vec<f32>; 2], Vec<f32>) {
+    let cast = |i: usize| {
+        let (x, y) = (roi.x + i % roi.width, roi.y + i / roi.width);
+        caster.cast(lens.ray(x, y), || lens.ray_slope(x, y))
+    };
+    let seen: Vec<Seen> = (0..roi.width * roi.height).into_par_iter().map(cast).collect();
+    let plane = |s: usize| seen.iter().map(|seen| seen.cd_m2[s]).collect();
+    ([plane(0), plane(1)], seen.iter().map(|seen| seen.scan).collect())
+}
+
+/// What one pixel sees before the lens blurs it.
+struct Seen {
+    cd_m2: Shares,
+    scan: f32,
+}
+
+/// Where a ray meets the display, and how that point moves with the ray (m per unit of ray).
+struct Hit {
+    point_m: Vector2<f64>,
+    slope_m: Matrix2<f64>,
+}
+
+/// Follows rays of one camera to the display.
+struct Caster<'a> {
+    panel: &'a Panel,
+    emission: EmissionField,
+    target_from_camera: Matrix3<f64>,
+    camera_in_target: Vector3<f64>,
+}
+
+impl<'a> Caster<'a> {
+    fn new<C>(panel: &'a Panel, camera_from_target: &Transform<C, Target>) -> Self {
+        let inverse = camera_from_target.inverse();
+        let camera_in_target = Vector3::from(inverse.translation_m());
+        Self {
+            panel,
+            emission: panel.emission_towards(camera_in_target),
+            target_from_camera: inverse.rotation_matrix(),
+            camera_in_target,
+        }
+    }
+
+    /// The point of the bent panel on a ray; `None` behind the camera or behind the display.
+    fn hit(&self, ray: [f64; 2]) -> Option<Hit> {
+        let r = &self.target_from_camera;
+        let direction = r * Vector3::new(ray[0], ray[1], 1.0);
+        let from = &self.camera_in_target;
+        let in_front = direction.z > 1e-9 && from.z < -1e-6;
+        if !in_front {
+            return None;
+        }
+        let lateral = direction.xy() / direction.z;
+        let flat = from.xy() - lateral * from.z;
+        // The bow is thousands of times flatter than it is wide: two steps leave less than a nanometre.
+        let once = flat + lateral * self.panel.bow.height_m(flat.x, flat.y);
+        let point_m = flat + lateral * self.panel.bow.height_m(once.x, once.y);
+        let depth = -from.z / direction.z;
+        let across = r.fixed_view::<2, 2>(0, 0) - lateral * r.fixed_view::<1, 2>(2, 0);
+        Some(Hit { point_m, slope_m: across * depth })
+    }
+
+    fn meets_display(&self, ray: [f64; 2]) -> bool {
+        let border_m = self.panel.margin_m + self.panel.bezel_m;
+        self.hit(ray).is_some_and(|hit| {
+            let [w, h] = self.panel.size_m;
+            (-border_m..=w + border_m).contains(&hit.point_m.x) && (-border_m..=h + border_m).contains(&hit.point_m.y)
+        })
+    }
+
+    fn cast(&self, ray: [f64; 2], ray_slope: impl FnOnce() -> Matrix2<f64>) -> Seen {
+        let spec = &self.panel.spec;
+        let (background, bezel) = (spec.background_cd_m2 as f32, spec.bezel_cd_m2 as f32);
+        let Some(hit) = self.hit(ray) else { return Seen { cd_m2: [background; 2], scan: 0.0 } };
+        let scan = self.panel.scan(hit.point_m.y) as f32;
+        let slope_m = hit.slope_m * ray_slope();
+        let body = self.covered(&hit, &slope_m, self.panel.margin_m + self.panel.bezel_m);
+        if body <= 0.0 {
+            return Seen { cd_m2: [background; 2], scan };
+        }
+        let around = background + body * (bezel - background);
+        let lit = self.covered(&hit, &slope_m, self.panel.margin_m);
+        if lit <= 0.0 {
+            return Seen { cd_m2: [around; 2], scan };
+        }
+        let emission = self.emission.at(hit.point_m);
+        let texels = hit.point_m * self.panel.texels_per_m;
+        let shares = self.panel.texture.mean(texels.x, texels.y, &(slope_m * self.panel.texels_per_m));
+        Seen { cd_m2: shares.map(|share| around + lit * (emission.luminance(share) - around)), scan }
+    }
+
+    /// Share of a pixel that lies on the board with `border_m` around it.
+    fn covered(&self, hit: &Hit, slope_m: &Matrix2<f64>, border_m: f64) -> f32 {
+        let axis = |i: usize| {
+            let half = 0.5 * slope_m[(i, 0)].hypot(slope_m[(i, 1)]).max(1e-12);
+            let (low, high) = (hit.point_m[i] - half, hit.point_m[i] + half);
+            let inside = high.min(self.panel.size_m[i] + border_m) - low.max(-border_m);
+            (inside / (2.0 * half)).clamp(0.0, 1.0)
+        };
+        (axis(0) * axis(1)) as f32
+    }
+}

@@ -1,0 +1,220 @@
+//! What the display and the two sensors are like: every number with its default and its range.
+//!
+//! The defaults lie in the middle of what data sheets and published figures show. What no data sheet gives
+//! (the high-pass gain, the off-axis leakage) is set so that the published trends over alpha, brightness and
+//! viewing angle come out.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::SceneError;
+
+/// The display that shows the board.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct DisplaySpec {
+    /// Luminance of white, looked at squarely, cd/m2.
+    pub white_cd_m2: f64,
+    /// Luminance of black, looked at squarely, cd/m2.
+    pub black_cd_m2: f64,
+    /// Exponent from code value to luminance.
+    pub gamma: f64,
+    /// Time from 10 % to 90 % when a pixel gets brighter, s.
+    pub rise_s: f64,
+    /// Time from 90 % to 10 % when a pixel gets darker, s.
+    pub fall_s: f64,
+    /// Time from the top row to the bottom row of a refresh, s.
+    pub scan_out_s: f64,
+    /// Room light that the panel reflects, cd/m2.
+    pub ambient_cd_m2: f64,
+    /// Largest height difference of the bent panel over the board, m.
+    pub bow_m: f64,
+    /// White falls with the cosine of the viewing angle to this power.
+    pub off_axis_dimming: f64,
+    /// Share of white that leaks into black when seen at 90 deg from the left or right.
+    pub leak_horizontal: f64,
+    /// Share of white that leaks into black when seen at 90 deg from above or below.
+    pub leak_vertical: f64,
+    /// Leakage on the diagonals beyond both: share of white times the squared product of the direction cosines.
+    pub leak_diagonal: f64,
+    /// White margin around the board, in squares.
+    pub margin_squares: f64,
+    /// Dark bezel around the margin, in squares.
+    pub bezel_squares: f64,
+    /// Luminance of the bezel, cd/m2.
+    pub bezel_cd_m2: f64,
+    /// Luminance of everything behind the display, cd/m2.
+    pub background_cd_m2: f64,
+    /// Share of the light that the lens spreads over the image.
+    pub glare: f64,
+    /// How far the lens spreads it, standard deviation, px.
+    pub glare_sigma_px: f64,
+}
+
+impl Default for DisplaySpec {
+    fn default() -> Self {
+        Self {
+            white_cd_m2: 391.0,
+            black_cd_m2: 0.32,
+            gamma: 2.2,
+            rise_s: 0.004,
+            fall_s: 0.003,
+            scan_out_s: 0.015,
+            ambient_cd_m2: 3.0,
+            bow_m: 50e-6,
+            off_axis_dimming: 1.0,
+            leak_horizontal: 0.1,
+            leak_vertical: 0.02,
+            leak_diagonal: 0.4,
+            margin_squares: 0.5,
+            bezel_squares: 1.0,
+            bezel_cd_m2: 1.0,
+            background_cd_m2: 5.0,
+            glare: 0.02,
+            glare_sigma_px: 150.0,
+        }
+    }
+}
+
+/// Measured luminance by brightness setting: percent, white, black (cd/m2). From the paper.
+const BRIGHTNESS: [[f64; 3]; 6] = [
+    [0.0, 35.0, 0.03],
+    [20.0, 78.0, 0.06],
+    [40.0, 121.0, 0.10],
+    [60.0, 164.0, 0.13],
+    [80.0, 236.0, 0.19],
+    [100.0, 391.0, 0.32],
+];
+
+impl DisplaySpec {
+    /// The same display at a brightness setting of 0 to 100 percent (clamped), straight between measured ones.
+    pub fn at_brightness(self, percent: f64) -> Self {
+        let percent = percent.clamp(0.0, 100.0);
+        let [mut white_cd_m2, mut black_cd_m2] = [BRIGHTNESS[0][1], BRIGHTNESS[0][2]];
+        for pair in BRIGHTNESS.windows(2) {
+            let ([p0, w0, b0], [p1, w1, b1]) = (pair[0], pair[1]);
+            let f = ((percent - p0) / (p1 - p0)).min(1.0);
+            if f > 0.0 {
+                (white_cd_m2, black_cd_m2) = (w0 + f * (w1 - w0), b0 + f * (b1 - b0));
+            }
+        }
+        Self { white_cd_m2, black_cd_m2, ..self }
+    }
+
+    pub(super) fn check(&self) -> Result<(), SceneError> {
+        in_range("display.white_cd_m2", self.white_cd_m2, 1.0, 1e4)?;
+        in_range("display.black_cd_m2", self.black_cd_m2, 0.0, self.white_cd_m2)?;
+        in_range("display.gamma", self.gamma, 0.5, 4.0)?;
+        in_range("display.rise_s", self.rise_s, 1e-5, 0.05)?;
+        in_range("display.fall_s", self.fall_s, 1e-5, 0.05)?;
+        in_range("display.scan_out_s", self.scan_out_s, 0.0, 0.05)?;
+        in_range("display.ambient_cd_m2", self.ambient_cd_m2, 0.0, 1e3)?;
+        in_range("display.bow_m", self.bow_m, 0.0, 2e-3)?;
+        in_range("display.off_axis_dimming", self.off_axis_dimming, 0.0, 10.0)?;
+        in_range("display.leak_horizontal", self.leak_horizontal, 0.0, 1.0)?;
+        in_range("display.leak_vertical", self.leak_vertical, 0.0, 1.0)?;
+        in_range("display.leak_diagonal", self.leak_diagonal, 0.0, 4.0)?;
+        in_range("display.margin_squares", self.margin_squares, 0.0, 5.0)?;
+        in_range("display.bezel_squares", self.bezel_squares, 0.0, 5.0)?;
+        in_range("display.bezel_cd_m2", self.bezel_cd_m2, 0.0, 1e3)?;
+        in_range("display.background_cd_m2", self.background_cd_m2, 0.0, 1e4)?;
+        in_range("display.glare", self.glare, 0.0, 0.5)?;
+        in_range("display.glare_sigma_px", self.glare_sigma_px, 10.0, 1e4)
+    }
+}
+
+/// The sensor of the frame camera.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct FrameSpec {
+    /// What white gives, looked at squarely, DN; the gain follows exposure and brightness.
+    pub white_dn: f64,
+    /// Electrons for one DN: the shot noise has a variance of signal / this, DN2.
+    pub electrons_per_dn: f64,
+    /// Read noise, standard deviation, DN.
+    pub read_noise_dn: f64,
+    /// Gain differences between pixels, standard deviation as a share.
+    pub prnu: f64,
+}
+
+impl Default for FrameSpec {
+    fn default() -> Self {
+        Self { white_dn: 200.0, electrons_per_dn: 9.0, read_noise_dn: 0.8, prnu: 0.006 }
+    }
+}
+
+impl FrameSpec {
+    pub(super) fn check(&self) -> Result<(), SceneError> {
+        in_range("rgb.white_dn", self.white_dn, 1.0, 1e4)?;
+        in_range("rgb.electrons_per_dn", self.electrons_per_dn, 0.01, 1e6)?;
+        in_range("rgb.read_noise_dn", self.read_noise_dn, 0.0, 100.0)?;
+        in_range("rgb.prnu", self.prnu, 0.0, 0.5)
+    }
+}
+
+/// The pixels and the readout of the event camera.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct EventSpec {
+    /// Mean threshold for brighter, natural logarithm of luminance.
+    pub threshold_on: f64,
+    /// Mean threshold for darker, natural logarithm of luminance.
+    pub threshold_off: f64,
+    /// Differences between pixels, standard deviation as a share of the threshold; ON and OFF apart.
+    pub threshold_mismatch: f64,
+    /// Share of a step of the log luminance that passes the high-pass (bias `hpf`).
+    pub high_pass_gain: f64,
+    /// Luminance that the dark current is worth: dim steps look smaller, cd/m2.
+    pub dark_cd_m2: f64,
+    /// Mean delay of a pixel, s.
+    pub latency_s: f64,
+    /// Differences of that delay from event to event, standard deviation, s.
+    pub jitter_s: f64,
+    /// Longest time that a row waits for the readout, s.
+    pub row_readout_s: f64,
+    /// Events of a pixel without cause, Hz.
+    pub background_hz: f64,
+    /// Number of hot pixels.
+    pub hot_pixels: u32,
+    /// Events of a hot pixel, Hz.
+    pub hot_pixel_hz: f64,
+}
+
+impl Default for EventSpec {
+    fn default() -> Self {
+        Self {
+            threshold_on: 0.22,
+            threshold_off: 0.28,
+            threshold_mismatch: 0.065,
+            high_pass_gain: 0.13,
+            dark_cd_m2: 1.0,
+            latency_s: 150e-6,
+            jitter_s: 75e-6,
+            row_readout_s: 200e-6,
+            background_hz: 0.3,
+            hot_pixels: 40,
+            hot_pixel_hz: 100.0,
+        }
+    }
+}
+
+impl EventSpec {
+    pub(super) fn check(&self) -> Result<(), SceneError> {
+        in_range("event.threshold_on", self.threshold_on, 0.01, 5.0)?;
+        in_range("event.threshold_off", self.threshold_off, 0.01, 5.0)?;
+        in_range("event.threshold_mismatch", self.threshold_mismatch, 0.0, 0.5)?;
+        in_range("event.high_pass_gain", self.high_pass_gain, 0.0, 1.0)?;
+        in_range("event.dark_cd_m2", self.dark_cd_m2, 1e-3, 1e3)?;
+        in_range("event.latency_s", self.latency_s, 0.0, 0.01)?;
+        in_range("event.jitter_s", self.jitter_s, 0.0, 0.01)?;
+        in_range("event.row_readout_s", self.row_readout_s, 0.0, 0.01)?;
+        in_range("event.background_hz", self.background_hz, 0.0, 1e3)?;
+        in_range("event.hot_pixels", f64::from(self.hot_pixels), 0.0, 1e5)?;
+        in_range("event.hot_pixel_hz", self.hot_pixel_hz, 0.0, 1e5)
+    }
+}
+
+/// Refuses a value outside `low` to `high`; NaN is outside.
+pub(super) fn in_range(name: &'static str, value: f64, low: f64, high: f64) -> Result<(), SceneError> {
+    if (low..=high).contains(&value) { Ok(()) } else { Err(SceneError::Value { name, value, low, high }) }
+}

@@ -1,0 +1,1 @@
+//! Plans of small trajectories and of the shipped files.

@@ -1,0 +1,227 @@
+//! Where the camera is, what the other solvers say, and whether the poses could tell.
+
+use super::super::document::{Block, Plot, Section, Table, Tone};
+use super::super::numbers::{count, deg, fixed, mm, rotation_deg, signed_mm, translation_mm};
+use super::gates::{self, Gated};
+use super::{fact, why};
+use crate::calibration::hand_eye::HandEyeMethod;
+use crate::calibration::observability::{Axis, MAX_CONDITION, MIN_ROTATION_RAD, MIN_SECOND_EIGENVALUE, Observability};
+use crate::calibration::result::{CalibrationResult, HandEyeResult, UncertaintyResult};
+use crate::calibration::settings::PoseKind;
+use crate::geometry::{Camera, Transform};
+
+/// Smallest second eigenvalue of the pose sets that are known to be healthy.
+const HEALTHY_EIGENVALUE: f64 = 0.137;
+/// Largest condition of those sets.
+const HEALTHY_CONDITION: f64 = 2.6;
+
+/// The name of a solver.
+pub(in crate::report) fn method_name(method: HandEyeMethod) -> &'static str {
+    match method {
+        HandEyeMethod::Tsai => "tsai",
+        HandEyeMethod::Park => "park",
+        HandEyeMethod::Horaud => "horaud",
+        HandEyeMethod::Andreff => "andreff",
+        HandEyeMethod::Daniilidis => "daniilidis",
+    }
+}
+
+/// Where camera and target are, with the uncertainty.
+pub(super) fn place(result: &CalibrationResult) -> Section {
+    let Some(hand_eye) = &result.hand_eye else {
+        return Section::absent("Hand-eye", why(result, "hand_eye", "no robot poses enter this session"));
+    };
+    let camera = hand_eye.reference_camera;
+    let mut blocks = Vec::new();
+    if let Some(base_from_camera) = &hand_eye.base_from_camera {
+        let name = format!("base_from_{camera}");
+        blocks.extend(transforms(hand_eye, &name, base_from_camera, "tcp_from_target", hand_eye.tcp_from_target.as_ref()));
+    } else if let Some(tcp_from_camera) = &hand_eye.tcp_from_camera {
+        let name = format!("tcp_from_{camera}");
+        blocks.extend(transforms(hand_eye, &name, tcp_from_camera, "base_from_target", hand_eye.base_from_target.as_ref()));
+    }
+    blocks.push(Block::Facts(facts(result, hand_eye)));
+    blocks.push(Block::Note(
+        "The sigma is what changes when poses are left out. It does not see what all poses share: a wrong square size, \
+         wrong intrinsics, a robot whose kinematics are off."
+            .into(),
+    ));
+    blocks.push(Block::Plot(Plot::Layout));
+    Section::new(title(hand_eye), blocks)
+}
+
+fn title(hand_eye: &HandEyeResult) -> String {
+    let camera = match hand_eye.reference_camera {
+        Camera::Rgb => "frame camera (rgb)",
+        Camera::Event => "event camera",
+    };
+    match hand_eye.tcp_from_camera {
+        Some(_) => format!("Hand-eye: where the {camera} sits on the tool"),
+        None => format!("Hand-eye: where the {camera} stands"),
+    }
+}
+
+fn transforms<A, B, C, D>(
+    hand_eye: &HandEyeResult,
+    camera_name: &str,
+    camera: &Transform<A, B>,
+    target_name: &str,
+    target: Option<&Transform<C, D>>,
+) -> Vec<Block> {
+    let sigma = hand_eye.uncertainty.as_ref().map(|u| &u.jackknife);
+    let mut table = Table::new(&["<", "x", "y", "z"]);
+    let titled = |title: String, values: [String; 3]| std::iter::once(title).chain(values);
+    table.row(titled(format!("{camera_name}: translation, mm"), translation_mm(camera)));
+    if let Some(sigma) = sigma {
+        table.row(titled("± sigma, mm".into(), sigma.translation_sigma_m.map(|s| format!("± {}", mm(s)))));
+    }
+    table.row(titled(format!("{camera_name}: rotation vector, deg"), rotation_deg(camera)));
+    if let Some(sigma) = sigma {
+        let all = format!("± {}", deg(sigma.rotation_sigma_rad));
+        table.row(titled("± sigma, deg, all axes together".into(), [all, String::new(), String::new()]));
+    }
+    if let Some(target) = target {
+        table.toned(Tone::Quiet, titled(format!("{target_name}: translation, mm"), translation_mm(target)));
+        table.toned(Tone::Quiet, titled(format!("{target_name}: rotation vector, deg"), rotation_deg(target)));
+    }
+    vec![Block::Table(table)]
+}
+
+fn facts(result: &CalibrationResult, hand_eye: &HandEyeResult) -> Vec<(String, String)> {
+    let wanted = result.poses.iter().filter(|p| p.kind == PoseKind::HandEye).count();
+    let left_out = wanted.saturating_sub(hand_eye.poses_used);
+    let poses = count(hand_eye.poses_used, "pose");
+    let mut facts = vec![
+        fact("method", method_name(hand_eye.method)),
+        fact(
+            "scatter of target",
+            format!("rms {} mm over {poses}, {left_out} of {wanted} left out", mm(hand_eye.scatter_rms_m)),
+        ),
+    ];
+    match &hand_eye.uncertainty {
+        Some(uncertainty) => facts.extend(influence(uncertainty)),
+        None => facts.push(fact("uncertainty", "absent: everything hangs on one pose, so it cannot be told")),
+    }
+    facts
+}
+
+fn influence(uncertainty: &UncertaintyResult) -> Vec<(String, String)> {
+    let UncertaintyResult { jackknife, culprit_pose } = uncertainty;
+    let (culprit, influential) = (&jackknife.culprit, &jackknife.most_influential);
+    vec![
+        fact("uncertainty", format!("jackknife: {} left out one at a time", count(jackknife.poses, "pose"))),
+        fact(
+            "worst pose",
+            format!(
+                "{culprit_pose}: without it the scatter goes from {} to {} mm and the camera moves {} mm, {} deg",
+                mm(jackknife.scatter_m),
+                mm(culprit.scatter_without_m),
+                mm(culprit.translation_change_m),
+                deg(culprit.rotation_change_rad)
+            ),
+        ),
+        fact(
+            "most influence",
+            format!(
+                "{}: without it the camera moves {} mm, {} deg",
+                influential.pose_id,
+                mm(influential.translation_change_m),
+                deg(influential.rotation_change_rad)
+            ),
+        ),
+    ]
+}
+
+/// One answer of the panel against the chosen one.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::report) struct PanelRow {
+    pub(in crate::report) method: HandEyeMethod,
+    /// Along the axes of the frame of the result, m.
+    pub(in crate::report) difference_m: [f64; 3],
+    pub(in crate::report) distance_m: f64,
+    pub(in crate::report) angle_rad: f64,
+}
+
+/// The panel against the chosen answer; solvers whose entry is no transform are missing.
+pub(in crate::report) fn panel_rows(hand_eye: &HandEyeResult) -> Vec<PanelRow> {
+    let rows = hand_eye.panel.iter().filter_map(|(method, value)| match (&hand_eye.base_from_camera, &hand_eye.tcp_from_camera) {
+        (Some(chosen), _) => Some(panel_row(*method, chosen, &serde_json::from_value(value.clone()).ok()?)),
+        (None, Some(chosen)) => Some(panel_row(*method, chosen, &serde_json::from_value(value.clone()).ok()?)),
+        (None, None) => None,
+    });
+    rows.collect()
+}
+
+fn panel_row<A, B>(method: HandEyeMethod, chosen: &Transform<A, B>, other: &Transform<A, B>) -> PanelRow {
+    let difference = other.iso().translation.vector - chosen.iso().translation.vector;
+    let (distance_m, angle_rad) = (other.distance_to_m(chosen), other.angle_to_rad(chosen));
+    PanelRow { method, difference_m: difference.into(), distance_m, angle_rad }
+}
+
+/// What each solver found.
+pub(super) fn panel(result: &CalibrationResult) -> Section {
+    let Some(hand_eye) = &result.hand_eye else {
+        return Section::absent("Solver panel", "there is no hand-eye result");
+    };
+    let chosen = method_name(hand_eye.method);
+    let mut table = Table::new(&["<solver", "dx mm", "dy mm", "dz mm", "distance mm", "angle deg", "<"]);
+    for row in panel_rows(hand_eye) {
+        let [x, y, z] = row.difference_m.map(signed_mm);
+        let note = if row.method == hand_eye.method { "the result" } else { "" };
+        let cells = [method_name(row.method).into(), x, y, z, mm(row.distance_m), deg(row.angle_rad), note.to_owned()];
+        table.row(cells);
+    }
+    for (method, reason) in &hand_eye.panel_failed {
+        let dash = || "-".to_owned();
+        let cells = [method_name(*method).into(), dash(), dash(), dash(), dash(), dash(), format!("failed: {reason}")];
+        table.toned(Tone::Alert, cells);
+    }
+    let spread = hand_eye.panel_spread_m.map_or_else(
+        || "absent: fewer than two solvers found an answer".to_owned(),
+        |s| format!("{} mm between the two solvers farthest apart {}", mm(s), gates::text(result, Gated::PanelSpread)),
+    );
+    let blocks = vec![
+        Block::Text(format!("What each solver found for the camera, against {chosen}, over the same poses.")),
+        Block::Table(table),
+        Block::Facts(vec![fact("spread", spread)]),
+        Block::Note(
+            "On healthy poses the choice of solver hardly matters, so solvers that disagree are an alarm; solvers that \
+             agree prove little, because they share poses, intrinsics and board."
+                .into(),
+        ),
+        Block::Plot(Plot::Panel),
+    ];
+    Section::new("Solver panel", blocks)
+}
+
+/// Whether the poses could tell where the camera is.
+pub(super) fn observability(result: &CalibrationResult) -> Section {
+    let Some(hand_eye) = &result.hand_eye else {
+        return Section::absent("Observability", "there is no hand-eye result");
+    };
+    let found = &hand_eye.observability;
+    let Observability { poses, second_eigenvalue, condition, largest_rotation_rad, axes_frame, .. } = found;
+    let mut table = Table::new(&["<quantity", "found", "refused", "healthy"]);
+    let below = format!("below {MIN_SECOND_EIGENVALUE}");
+    let healthy = format!("{HEALTHY_EIGENVALUE} or more");
+    table.row(["second eigenvalue of the rotation axes", &fixed(*second_eigenvalue, 3), &below, &healthy]);
+    let (above, healthy) = (format!("above {MAX_CONDITION}"), format!("{HEALTHY_CONDITION} or less"));
+    table.row(["condition of the translation", &fixed(*condition, 2), &above, &healthy]);
+    let (largest, below) = (fixed(largest_rotation_rad.to_degrees(), 1), fixed(MIN_ROTATION_RAD.to_degrees(), 0));
+    table.row(["largest rotation between two poses, deg", &largest, &format!("below {below}"), "-"]);
+    let words = match (found.check(), is_healthy(found)) {
+        (Err(error), _) => format!("REFUSED: {error}"),
+        (Ok(()), true) => format!("Healthy: the {} turn about clearly different axes.", count(*poses, "pose")),
+        (Ok(()), false) => format!(
+            "Weak: the {} can be solved, but turn mostly about {} of {axes_frame}; more turns about {} would help.",
+            count(*poses, "pose"),
+            Axis(found.main_axis),
+            Axis(found.second_axis)
+        ),
+    };
+    Section::new("Observability", vec![Block::Text(words), Block::Table(table)])
+}
+
+fn is_healthy(found: &Observability) -> bool {
+    found.second_eigenvalue >= HEALTHY_EIGENVALUE && found.condition <= HEALTHY_CONDITION
+}

@@ -1,0 +1,45 @@
+//! The one loop and its two worlds; then vision and calibration on what the session saw.
+//!
+//! [`run`] is the only loop: live it drives devices, in a replay it compares with the recording. `run` of
+//! the program records, closes the file and solves by reading it back, as a replay does. Uses everything
+//! above it.
+
+mod live;
+mod pixels;
+mod replay;
+pub mod setup;
+pub mod solve;
+
+pub use live::{Live, LiveError};
+pub use replay::{Diverged, Replay};
+
+use crate::session::{Command, Input, Machine, Outcome, Stamp};
+
+/// Where inputs come from and where commands go.
+pub trait World {
+    /// Why it can fail.
+    type Error;
+    /// Carries out a command, or, in a replay, checks that it is the recorded one.
+    fn execute(&mut self, command: &Command) -> Result<(), Self::Error>;
+    /// The next input, stamped since the session began; `None` when the world has ended.
+    fn next_input(&mut self) -> Result<Option<(Stamp, Input)>, Self::Error>;
+    /// Called once at the end; a replay fails here where recorded commands are left over.
+    fn finish(&mut self) -> Result<(), Self::Error>;
+}
+
+/// Runs a session to its end in `world`.
+pub fn run<M: Machine, W: World>(mut machine: M, world: &mut W) -> Result<Outcome, W::Error> {
+    let mut due = machine.start();
+    loop {
+        if let Some(command) = due.take() {
+            world.execute(&command)?;
+        }
+        if machine.is_done() {
+            break;
+        }
+        let Some((at, input)) = world.next_input()? else { break };
+        due = machine.handle(at, &input);
+    }
+    world.finish()?;
+    Ok(machine.into_outcome())
+}

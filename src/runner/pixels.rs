@@ -1,0 +1,354 @@
+//! From the images and raw events of a recording to what each camera saw at each pose.
+//!
+//! One pass over the events for the trigger edges, one for the windows; detection on all cores, results in
+//! a fixed order. Memory: a few images at a time beside the recording itself.
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::setup::Setup;
+use crate::board::View;
+use crate::calibration::result::Timing;
+use crate::cv::codec;
+use crate::events::sync::{ExposureTime, SyncSettings, TriggerSync, Window};
+use crate::events::{Decoder, Event, Format, LastPolarity, Trigger};
+use crate::geometry::Camera;
+use crate::image::GrayImage;
+use crate::recording::{Entry, EventPacket, Recording};
+use crate::session::{Exposure, Input, Outcome};
+use crate::vision;
+
+/// What the cameras saw, pose by pose.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Seen {
+    /// One map for each pose; a camera without an image at a pose is absent.
+    pub views: Vec<BTreeMap<Camera, View>>,
+    /// How events and exposures were brought together, where there are both.
+    pub timing: Option<SeenTiming>,
+    /// Images and windows that could not be used, in words.
+    pub problems: Vec<String>,
+}
+
+/// The part of the timing that the result shows.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SeenTiming {
+    offset_s: f64,
+    drift_ppm: f64,
+    residual_rms_s: f64,
+    windows: [usize; 2],
+    notes: Vec<String>,
+}
+
+impl From<SeenTiming> for Timing {
+    fn from(seen: SeenTiming) -> Self {
+        let SeenTiming { offset_s, drift_ppm, residual_rms_s, windows, notes } = seen;
+        Self { offset_s, drift_ppm, residual_rms_s, windows, notes }
+    }
+}
+
+/// One exposure of a session.
+struct Shot<'a> {
+    /// The pose that it observes; absent for repeated captures and exposures outside the still interval.
+    pose: Option<usize>,
+    /// The pose that it was taken at.
+    taken_at: usize,
+    exposure: Exposure,
+    image: Option<&'a [u8]>,
+}
+
+/// Finds the corners in everything that the recording holds. `progress` hears done and total.
+pub(super) fn look(
+    recording: &Recording,
+    setup: &Setup,
+    outcome: &Outcome,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Seen {
+    let shots = shots(recording, outcome);
+    let mut seen = Seen { views: vec![BTreeMap::new(); outcome.poses.len()], timing: None, problems: Vec::new() };
+    let counter = Counter::new(&shots, setup, progress);
+    let frames = frame_views(&shots, setup, &counter, &mut seen.problems);
+    put(&mut seen.views, Camera::Rgb, frames);
+    if let Some(event) = setup.cameras.get(&Camera::Event) {
+        let size = (event.width as u16, event.height as u16);
+        let windows = event_windows(recording, setup, &shots, outcome, &mut seen);
+        let events = event_views(recording, setup, size, &windows, &counter);
+        put(&mut seen.views, Camera::Event, events);
+    }
+    seen
+}
+
+/// Counts looked-at images for the progress display.
+struct Counter<'a> {
+    done: std::sync::atomic::AtomicUsize,
+    total: usize,
+    progress: &'a (dyn Fn(usize, usize) + Sync),
+}
+
+impl<'a> Counter<'a> {
+    fn new(shots: &[Shot<'_>], setup: &Setup, progress: &'a (dyn Fn(usize, usize) + Sync)) -> Self {
+        let counted = shots.iter().filter(|s| s.pose.is_some()).count();
+        let total = counted * setup.cameras.len();
+        Self { done: 0.into(), total, progress }
+    }
+
+    fn step(&self) {
+        let done = self.done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+        (self.progress)(done, self.total);
+    }
+}
+
+/// Every exposure in order, with its image; the images of a capture stand before it in the recording.
+fn shots<'a>(recording: &'a Recording, outcome: &Outcome) -> Vec<Shot<'a>> {
+    let mut images = Vec::new();
+    let (mut shots, mut capture) = (Vec::new(), 0);
+    for entry in &recording.entries {
+        match entry {
+            Entry::Image(bytes) => images.push(bytes.as_slice()),
+            Entry::Input(_, Input::Captured(captured)) => {
+                let record = outcome.poses.get(captured.pose).filter(|r| r.capture == Some(capture));
+                let mut waiting = images.drain(..);
+                for exposure in &captured.exposures {
+                    let still = record.and_then(|r| r.evidence.as_ref()).is_none_or(|e| {
+                        // Half a nanosecond of slack: recorded times are whole nanoseconds.
+                        exposure.start_s >= e.from_s - 5e-10 && exposure.end_s <= e.to_s + 5e-10
+                    });
+                    let pose = (record.is_some() && still).then_some(captured.pose);
+                    let image = if exposure.image { waiting.next() } else { None };
+                    shots.push(Shot { pose, taken_at: captured.pose, exposure: *exposure, image });
+                }
+                drop(waiting);
+                capture += 1;
+            }
+            Entry::Input(..) | Entry::Command(_) | Entry::Events(_) => {}
+        }
+    }
+    shots
+}
+
+fn frame_views(shots: &[Shot<'_>], setup: &Setup, counter: &Counter<'_>, problems: &mut Vec<String>) -> Vec<(usize, View)> {
+    let Some(camera) = setup.cameras.get(&Camera::Rgb) else { return Vec::new() };
+    let wanted: Vec<_> = shots.iter().filter_map(|s| Some((s.pose?, s.image?))).collect();
+    let look = |(pose, bytes): &(usize, &[u8])| -> Result<(usize, View), String> {
+        let named = |why: String| format!("pose {}: the image cannot be used: {why}", setup.poses[*pose].0);
+        let image = codec::decode_gray(bytes).map_err(|e| named(e.to_string()))?;
+        if (image.width, image.height) != (camera.width as usize, camera.height as usize) {
+            let (w, h) = (image.width, image.height);
+            return Err(named(format!("it is {w}x{h}, the camera is declared as {}x{}", camera.width, camera.height)));
+        }
+        let view = vision::frame_view(&setup.board, &image).map_err(|e| named(e.to_string()))?;
+        counter.step();
+        Ok((*pose, view))
+    };
+    let looked: Vec<_> = wanted.par_iter().map(look).collect();
+    let mut views = Vec::new();
+    for result in looked {
+        match result {
+            Ok(view) => views.push(view),
+            Err(problem) => problems.push(problem),
+        }
+    }
+    views
+}
+
+/// Fuses the views of each pose; order of poses, whatever the order of the images.
+fn put(all: &mut [BTreeMap<Camera, View>], camera: Camera, views: Vec<(usize, View)>) {
+    let mut by_pose: BTreeMap<usize, Vec<View>> = BTreeMap::new();
+    for (pose, view) in views {
+        by_pose.entry(pose).or_default().push(view);
+    }
+    for (pose, views) in by_pose {
+        if let Some(slot) = all.get_mut(pose) {
+            slot.insert(camera, vision::fuse(&views));
+        }
+    }
+}
+
+/// The event windows that observe a pose, in order of time; empty with a problem noted where none can be found.
+fn event_windows(
+    recording: &Recording,
+    setup: &Setup,
+    shots: &[Shot<'_>],
+    outcome: &Outcome,
+    seen: &mut Seen,
+) -> Vec<(usize, Window)> {
+    let exposures: Vec<_> = shots
+        .iter()
+        .map(|s| ExposureTime { pose: s.taken_at, start_host_s: s.exposure.start_s, end_host_s: s.exposure.end_s })
+        .collect();
+    let channel = setup.trigger_channel;
+    if exposures.is_empty() {
+        return windows_of_edges(recording, setup, outcome, seen);
+    }
+    let settings = SyncSettings { channel, exposure_s: setup.exposure_s, frame_period_s: setup.image_period_s };
+    let mut sink = Triggers::default();
+    if let Err(why) = decode(recording, &mut sink, &mut |_| ()) {
+        seen.problems.push(format!("event camera: {why}"));
+        return Vec::new();
+    }
+    let sync = match TriggerSync::find(&sink.0, &exposures, &settings) {
+        Ok(sync) => sync,
+        Err(why) => {
+            seen.problems.push(format!("event camera: {why}"));
+            return Vec::new();
+        }
+    };
+    seen.timing = Some(SeenTiming {
+        offset_s: sync.clock.offset_s,
+        drift_ppm: sync.clock.ppm,
+        residual_rms_s: sync.residual_rms_s,
+        windows: [sync.matched, exposures.len()],
+        notes: sync.notes.clone(),
+    });
+    let observed = shots.iter().zip(&sync.windows).filter_map(|(shot, window)| Some((shot.pose?, (*window)?)));
+    let mut windows: Vec<_> = observed.collect();
+    windows.sort_by_key(|(_, w)| w.start_us);
+    windows
+}
+
+/// A session without a frame camera has no exposures: each rising edge of a capture begins a window that the
+/// next one ends.
+fn windows_of_edges(recording: &Recording, setup: &Setup, outcome: &Outcome, seen: &mut Seen) -> Vec<(usize, Window)> {
+    let (mut sink, mut per_capture) = (Triggers::default(), Vec::new());
+    let decoded = decode(recording, &mut sink, &mut |sink| per_capture.push(std::mem::take(&mut sink.0)));
+    if let Err(why) = decoded {
+        seen.problems.push(format!("event camera: {why}"));
+    }
+    let mut windows = Vec::new();
+    for (pose, record) in outcome.poses.iter().enumerate() {
+        let Some(edges) = record.capture.and_then(|c| per_capture.get(c)) else { continue };
+        let rising: Vec<i64> =
+            edges.iter().filter(|t| t.rising && t.channel == setup.trigger_channel).map(|t| t.t_us).collect();
+        let window = |w: &[i64]| (pose, Window { start_us: w[0], end_us: w[1], assumed_end: false });
+        windows.extend(rising.windows(2).map(window));
+    }
+    windows.sort_by_key(|(_, w)| w.start_us);
+    windows
+}
+
+fn event_views(
+    recording: &Recording,
+    setup: &Setup,
+    size: (u16, u16),
+    windows: &[(usize, Window)],
+    counter: &Counter<'_>,
+) -> Vec<(usize, View)> {
+    let look = |batch: Vec<(usize, GrayImage)>| -> Vec<(usize, View)> {
+        let one = |(pose, image): &(usize, GrayImage)| {
+            let view = vision::event_view(&setup.board, image).unwrap_or_default();
+            counter.step();
+            (*pose, view)
+        };
+        batch.par_iter().map(one).collect()
+    };
+    let mut sink = Windows {
+        windows,
+        next: 0,
+        image: LastPolarity::new(size.0, size.1),
+        batch: Vec::new(),
+        views: Vec::new(),
+        look: &look,
+    };
+    // Whatever could be decoded is used; an unknown encoding was reported with the triggers.
+    let _ = decode(recording, &mut sink, &mut |_| ());
+    sink.finish()
+}
+
+/// Images detected at once: enough for every core, few enough for the memory.
+const BATCH: usize = 8;
+
+/// Accumulates the events of each window into an image.
+struct Windows<'a> {
+    windows: &'a [(usize, Window)],
+    next: usize,
+    image: LastPolarity,
+    batch: Vec<(usize, GrayImage)>,
+    views: Vec<(usize, View)>,
+    look: &'a dyn Fn(Vec<(usize, GrayImage)>) -> Vec<(usize, View)>,
+}
+
+impl Windows<'_> {
+    fn close(&mut self) {
+        self.batch.push((self.windows[self.next].0, self.image.image()));
+        self.image.clear();
+        self.next += 1;
+        if self.batch.len() >= BATCH {
+            let batch = std::mem::take(&mut self.batch);
+            self.views.extend((self.look)(batch));
+        }
+    }
+
+    fn finish(mut self) -> Vec<(usize, View)> {
+        while self.next < self.windows.len() {
+            self.close();
+        }
+        let batch = std::mem::take(&mut self.batch);
+        self.views.extend((self.look)(batch));
+        self.views
+    }
+}
+
+impl crate::events::Sink for Windows<'_> {
+    fn event(&mut self, event: Event) {
+        while self.windows.get(self.next).is_some_and(|(_, w)| event.t_us >= w.end_us) {
+            self.close();
+        }
+        if self.windows.get(self.next).is_some_and(|(_, w)| event.t_us >= w.start_us) {
+            self.image.add(&event);
+        }
+    }
+
+    fn trigger(&mut self, _trigger: Trigger) {}
+}
+
+#[derive(Default)]
+struct Triggers(Vec<Trigger>);
+
+impl crate::events::Sink for Triggers {
+    fn event(&mut self, _event: Event) {}
+
+    fn trigger(&mut self, trigger: Trigger) {
+        self.0.push(trigger);
+    }
+}
+
+/// Runs every event packet of the recording through a decoder.
+///
+/// `after_capture` is called where a capture ends. Packets of one capture follow each other without a gap; between captures the camera was not recorded.
+fn decode<S: crate::events::Sink>(
+    recording: &Recording,
+    sink: &mut S,
+    after_capture: &mut dyn FnMut(&mut S),
+) -> Result<(), String> {
+    let mut decoder: Option<Decoder> = None;
+    let mut gap = false;
+    for entry in &recording.entries {
+        match entry {
+            Entry::Events(EventPacket { encoding, time_base_ns, events, .. }) => {
+                let decoder = match &mut decoder {
+                    Some(decoder) => decoder,
+                    none => none.insert(Decoder::new(format(encoding)?)),
+                };
+                if gap {
+                    decoder.set_epoch_us((time_base_ns / 1000) as i64);
+                    gap = false;
+                }
+                decoder.decode_into(events, sink);
+            }
+            Entry::Input(_, Input::Captured(_)) => {
+                gap = decoder.is_some();
+                after_capture(sink);
+            }
+            Entry::Input(..) | Entry::Command(_) | Entry::Image(_) => {}
+        }
+    }
+    Ok(())
+}
+
+fn format(encoding: &str) -> Result<Format, String> {
+    if encoding == "evt21_legacy" {
+        return Ok(Format::Evt21 { legacy_halves: true });
+    }
+    Format::from_name(encoding).map_err(|e| e.to_string())
+}

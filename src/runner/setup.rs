@@ -1,0 +1,353 @@
+//! The setup of a session: from a cell and its trajectories, or from what an import declares.
+//!
+//! A recording carries all the text that it was made from, so that a replay needs one file.
+
+use std::collections::BTreeMap;
+
+use super::solve::sha256;
+use crate::board::Board;
+use crate::calibration::problem::{CameraSetup, CheckTruth, DistancePair, KnownCamera, KnownCameras};
+use crate::calibration::result::CalibrationResult;
+use crate::calibration::settings::{Carried, Gates, PoseKind, Settings};
+use crate::config::{self, Cell, ConfigError, Stillness};
+use crate::geometry::Camera;
+use crate::plan::{self, Plan, PlanError};
+use crate::recording::{Attachment, ImportSetup, Kind, Recording, RecordingError};
+use crate::session::{Expected, MoveTarget, Stop};
+
+/// Everything that a session is run and solved with.
+#[derive(Debug, Clone)]
+pub struct Setup {
+    /// Name of the cell or data set.
+    pub name: String,
+    /// The board.
+    pub board: Board,
+    /// What the robot carries.
+    pub carried: Carried,
+    /// Whether robot poses enter the result.
+    pub robot_poses: bool,
+    /// The cameras.
+    pub cameras: BTreeMap<Camera, CameraSetup>,
+    /// Id and purpose of each pose.
+    pub poses: Vec<(String, PoseKind)>,
+    /// Known distances.
+    pub pairs: Vec<DistancePair>,
+    /// What the checks compare with.
+    pub checks: CheckTruth,
+    /// How to solve.
+    pub settings: Settings,
+    /// What must hold.
+    pub gates: Option<Gates>,
+    /// Cameras and stereo that were solved before.
+    pub known: Option<KnownCameras>,
+    /// Length of an exposure, s.
+    pub exposure_s: f64,
+    /// Time from one image to the next, s.
+    pub image_period_s: f64,
+    /// Trigger input that carries the exposure signal.
+    pub trigger_channel: u8,
+    /// The state machine to run.
+    pub machine: MachineSpec,
+    /// Where an import comes from.
+    pub source: Option<String>,
+    /// SHA-256 of the texts, by name.
+    pub sha256: BTreeMap<String, String>,
+}
+
+/// Which state machine, and with what.
+#[derive(Debug, Clone)]
+pub enum MachineSpec {
+    /// Walks a trajectory.
+    Live {
+        /// Where to.
+        stops: Vec<Stop>,
+        /// What still means.
+        limits: Stillness,
+        /// What pre-flight expects.
+        expected: Box<Expected>,
+    },
+    /// Collects what a source declares.
+    Imported {
+        /// Number of poses.
+        poses: usize,
+    },
+}
+
+/// Why there is no setup.
+#[derive(Debug, thiserror::Error)]
+pub enum SetupError {
+    /// A cell or trajectory text is wrong.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The trajectories cannot be executed.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// The recording lacks something.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// The intrinsics to be taken over do not fit.
+    #[error("the intrinsics of {source_name} cannot be taken over: {why}")]
+    Intrinsics {
+        /// The result.
+        source_name: String,
+        /// Why not.
+        why: String,
+    },
+    /// A what-if override is wrong.
+    #[error("--set {given}: {why}")]
+    Override {
+        /// As given.
+        given: String,
+        /// What is wrong.
+        why: String,
+    },
+}
+
+/// A cell with everything that belongs to it, as texts.
+#[derive(Debug, Clone)]
+pub struct CellTexts {
+    /// Name and text of the cell file.
+    pub cell: (String, String),
+    /// Name and text of each trajectory file, in the order of the cell.
+    pub trajectories: Vec<(String, String)>,
+    /// Name and text of the result that intrinsics are taken from.
+    pub intrinsics: Option<(String, String)>,
+}
+
+/// A checked cell, its plan and its setup.
+pub struct Planned {
+    /// The cell.
+    pub cell: Cell,
+    /// The poses.
+    pub plan: Plan,
+    /// The setup.
+    pub setup: Setup,
+}
+
+const TRAJECTORY: &str = "trajectory/";
+
+impl CellTexts {
+    /// As attachments of a recording.
+    pub fn attachments(&self) -> Vec<Attachment> {
+        let of = |name: String, text: &str| Attachment { name, data: text.as_bytes().to_vec() };
+        let mut all = vec![of("cell.yaml".into(), &self.cell.1)];
+        all.extend(self.trajectories.iter().map(|(name, text)| of(format!("{TRAJECTORY}{name}"), text)));
+        all.extend(self.intrinsics.iter().map(|(_, text)| of("intrinsics.json".into(), text)));
+        all
+    }
+
+    /// Reads them back from a recording.
+    pub fn of_recording(recording: &Recording) -> Result<Self, RecordingError> {
+        let cell = ("cell.yaml".to_owned(), recording.text("cell.yaml")?.to_owned());
+        let names = recording.attachment_names().filter(|n| n.starts_with(TRAJECTORY));
+        let trajectory = |name: &str| Ok((name[TRAJECTORY.len()..].to_owned(), recording.text(name)?.to_owned()));
+        let trajectories = names.map(trajectory).collect::<Result<_, RecordingError>>()?;
+        let intrinsics = recording.text("intrinsics.json").ok().map(|t| ("intrinsics.json".into(), t.to_owned()));
+        Ok(Self { cell, trajectories, intrinsics })
+    }
+
+    /// Checks everything and plans the session.
+    pub fn plan(&self) -> Result<Planned, SetupError> {
+        let cell = config::parse_cell(&self.cell.1, &self.cell.0)?;
+        let mut parsed = Vec::new();
+        for (used, (name, text)) in cell.trajectories.iter().zip(&self.trajectories) {
+            parsed.push((used.purpose, config::parse_trajectory(text, name)?));
+        }
+        let plan = plan::expand(&cell, &parsed)?;
+        let mut setup = Setup::of_cell(&cell, &plan);
+        setup.sha256.insert("cell".into(), sha256(self.cell.1.as_bytes()));
+        for (name, text) in &self.trajectories {
+            setup.sha256.insert(format!("{TRAJECTORY}{name}"), sha256(text.as_bytes()));
+        }
+        if let Some((name, text)) = &self.intrinsics {
+            setup.take_intrinsics(name, text)?;
+        }
+        Ok(Planned { cell, plan, setup })
+    }
+}
+
+impl Setup {
+    /// The setup that a recording was made with.
+    pub fn of_recording(recording: &Recording) -> Result<Self, SetupError> {
+        match recording.about.kind {
+            Kind::Live => Ok(CellTexts::of_recording(recording)?.plan()?.setup),
+            Kind::Imported => Ok(Self::of_import(recording.import_setup()?)),
+        }
+    }
+
+    fn of_import(import: ImportSetup) -> Self {
+        let robot_poses = import.robot_poses;
+        Self {
+            name: import.name,
+            board: import.board,
+            carried: Carried::Target,
+            robot_poses,
+            cameras: import.cameras,
+            machine: MachineSpec::Imported { poses: import.poses.len() },
+            poses: import.poses.into_iter().map(|p| (p.id, p.kind)).collect(),
+            pairs: import.pairs,
+            checks: import.checks.unwrap_or_default(),
+            settings: Settings::default(),
+            gates: None,
+            known: None,
+            exposure_s: import.exposure_s.unwrap_or(0.1),
+            image_period_s: import.image_period_s.unwrap_or(0.1),
+            trigger_channel: import.trigger_channel.unwrap_or(0),
+            source: Some(import.source),
+            sha256: BTreeMap::new(),
+        }
+    }
+
+    fn of_cell(cell: &Cell, plan: &Plan) -> Self {
+        let (exposure_s, images_per_s) = cell.rgb.as_ref().map_or((0.0999, 10.0), |c| (c.exposure_s, c.images_per_s));
+        Self {
+            name: cell.name.clone(),
+            board: cell.board.clone(),
+            carried: cell.carried,
+            robot_poses: true,
+            cameras: cameras(cell),
+            poses: plan.poses.iter().map(|p| (p.id.clone(), p.kind)).collect(),
+            pairs: pairs(plan),
+            checks: CheckTruth { corner_id: cell.checks.corner_id, target_to_tcp_m: cell.checks.target_to_tcp_m },
+            settings: cell.settings.clone(),
+            gates: Some(cell.gates.clone()),
+            known: None,
+            exposure_s,
+            image_period_s: 1.0 / images_per_s,
+            trigger_channel: cell.event.as_ref().map_or(0, |e| e.trigger_channel),
+            machine: machine(cell, plan),
+            source: None,
+            sha256: BTreeMap::new(),
+        }
+    }
+
+    /// Takes cameras and stereo over from the text of an earlier `result.json`.
+    ///
+    /// Refused for a camera of another size, serial or lens setting.
+    pub fn take_intrinsics(&mut self, source_name: &str, text: &str) -> Result<(), SetupError> {
+        let refuse = |why: String| SetupError::Intrinsics { source_name: source_name.into(), why };
+        let result: CalibrationResult =
+            serde_json::from_str(text).map_err(|e| refuse(format!("it is no result.json of this program: {e}")))?;
+        let mut cameras = BTreeMap::new();
+        for (camera, setup) in &self.cameras {
+            let Some(found) = result.cameras.get(camera) else {
+                return Err(refuse(format!("it has no {camera} camera")));
+            };
+            if (found.width, found.height) != (setup.width, setup.height) {
+                let (w, h, sw, sh) = (found.width, found.height, setup.width, setup.height);
+                return Err(refuse(format!("its {camera} camera is {w}x{h}, this session's is {sw}x{sh}")));
+            }
+            same(*camera, "serial", found.serial.as_deref(), setup.serial.as_deref()).map_err(refuse)?;
+            same(*camera, "lens", found.lens.as_deref(), setup.lens.as_deref()).map_err(refuse)?;
+            let (serial, lens) = (found.serial.clone(), found.lens.clone());
+            cameras.insert(*camera, KnownCamera { pinhole: found.pinhole(), serial, lens });
+        }
+        let event_from_rgb = result.stereo.map(|s| s.event_from_rgb).filter(|_| cameras.len() == 2);
+        let (source_sha256, source_session) = (sha256(text.as_bytes()), result.session_id);
+        self.known = Some(KnownCameras { cameras, event_from_rgb, source_sha256, source_session });
+        Ok(())
+    }
+
+    /// Changes one setting or gate: `settings.reject_view_above_px=1.0`, `gates.event_rms_px=0.4`.
+    pub fn set(&mut self, given: &str) -> Result<(), SetupError> {
+        let fail = |why: String| SetupError::Override { given: given.into(), why };
+        let Some((key, value)) = given.split_once('=') else {
+            return Err(fail("expected KEY=VALUE, such as gates.event_rms_px=0.4".into()));
+        };
+        // A bare word is a name, such as a solver's.
+        let value = serde_json::from_str(value).unwrap_or_else(|_| serde_json::Value::String(value.into()));
+        match key.split_once('.') {
+            Some(("settings", field)) => self.settings = patched(&self.settings, field, value).map_err(fail)?,
+            Some(("gates", field)) => {
+                let gates = self.gates.clone().unwrap_or_default();
+                self.gates = Some(patched(&gates, field, value).map_err(fail)?);
+            }
+            _ => return Err(fail(format!("`{key}` is neither settings.<name> nor gates.<name>"))),
+        }
+        Ok(())
+    }
+}
+
+fn same(camera: Camera, what: &str, then: Option<&str>, now: Option<&str>) -> Result<(), String> {
+    if then == now {
+        return Ok(());
+    }
+    let shown = |v: Option<&str>| v.map_or_else(|| "not declared".to_owned(), |v| format!("`{v}`"));
+    Err(format!("the {what} of its {camera} camera is {}, this session's is {}", shown(then), shown(now)))
+}
+
+fn patched<T: serde::Serialize + serde::de::DeserializeOwned>(
+    now: &T,
+    field: &str,
+    value: serde_json::Value,
+) -> Result<T, String> {
+    let mut tree = serde_json::to_value(now).map_err(|e| e.to_string())?;
+    let fields = tree.as_object_mut().ok_or("not a map")?;
+    fields.insert(field.into(), value);
+    serde_json::from_value(tree).map_err(|e| e.to_string())
+}
+
+fn cameras(cell: &Cell) -> BTreeMap<Camera, CameraSetup> {
+    let mut cameras = BTreeMap::new();
+    if let Some(c) = &cell.rgb {
+        let focal_px = Some(c.focal_length_m / c.pixel_pitch_m);
+        let (serial, lens) = (c.serial.clone(), Some(c.lens.clone()));
+        cameras.insert(Camera::Rgb, CameraSetup { width: c.width, height: c.height, serial, lens, focal_px });
+    }
+    if let Some(c) = &cell.event {
+        let focal_px = Some(c.focal_length_m / c.pixel_pitch_m);
+        let (serial, lens) = (c.serial.clone(), Some(c.lens.clone()));
+        cameras.insert(Camera::Event, CameraSetup { width: c.width, height: c.height, serial, lens, focal_px });
+    }
+    cameras
+}
+
+/// Two poses of the same pair, in order.
+fn pairs(plan: &Plan) -> Vec<DistancePair> {
+    let mut first: BTreeMap<&str, &str> = BTreeMap::new();
+    let mut pairs = Vec::new();
+    for pose in &plan.poses {
+        let Some(pair) = &pose.pair else { continue };
+        if let Some(pose_a) = first.remove(pair.name.as_str()) {
+            let (name, pose_a, pose_b) = (pair.name.clone(), pose_a.to_owned(), pose.id.clone());
+            pairs.push(DistancePair { name, pose_a, pose_b, truth_m: pair.truth_m });
+        } else {
+            first.insert(&pair.name, &pose.id);
+        }
+    }
+    pairs
+}
+
+fn machine(cell: &Cell, plan: &Plan) -> MachineSpec {
+    let robot = &cell.robot;
+    let mut from = robot.home_joints_rad;
+    let mut stops = Vec::new();
+    for pose in &plan.poses {
+        let deadline_s = 1.5 * move_time_s(&pose.target, &from, &pose.joints_rad) + 5.0;
+        stops.push(Stop { target: pose.target, deadline_s });
+        from = pose.joints_rad;
+    }
+    let expected = Expected {
+        tcp_offset: robot.tcp_offset.pose_vector(),
+        payload_kg: robot.payload_kg,
+        payload_cog_m: robot.payload_cog_m,
+        allow_reduced: robot.allow_reduced,
+        start_joints_rad: robot.home_joints_rad,
+        start_within_rad: robot.start_within_rad,
+    };
+    MachineSpec::Live { stops, limits: robot.stillness.clone(), expected: Box::new(expected) }
+}
+
+/// Upper bound of a trapezoidal move: way over speed plus speed over acceleration, s.
+fn move_time_s(target: &MoveTarget, from: &[f64; 6], to: &[f64; 6]) -> f64 {
+    let way_rad = from.iter().zip(to).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    match target {
+        MoveTarget::Joint { speed_rad_s, acceleration_rad_s2, .. } => {
+            way_rad / speed_rad_s + speed_rad_s / acceleration_rad_s2
+        }
+        // The joints of a straight line turn at about the speed of the line over half a metre of reach.
+        MoveTarget::Linear { speed_m_s, acceleration_m_s2, .. } => {
+            way_rad * 1.0 / speed_m_s + speed_m_s / acceleration_m_s2
+        }
+    }
+}

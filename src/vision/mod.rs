@@ -1,0 +1,73 @@
+//! From images and event windows to views, for both cameras.
+//!
+//! Uses `board`, `cv`, `events`, `image`. Start at [`frame_view`] and [`event_view`].
+
+use crate::board::{Board, Corner, View};
+use crate::cv::{CvError, charuco};
+use crate::image::GrayImage;
+
+/// The corners in an image of the frame camera; tried again on the negative where nothing is found.
+pub fn frame_view(board: &Board, image: &GrayImage) -> Result<View, CvError> {
+    let view = charuco::find_corners(board, image)?;
+    if view.corners.is_empty() { charuco::find_corners(board, &image.inverted()) } else { Ok(view) }
+}
+
+/// The corners in an event image by the paper's method: median 3x3, then as in a frame.
+///
+/// The image has pixels that fired dark on light, so it has the polarity of the board: white cells do
+/// not change and stay silent.
+pub fn event_view(board: &Board, image: &GrayImage) -> Result<View, CvError> {
+    frame_view(board, &charuco::median_3x3(image)?)
+}
+
+/// One view of several images of the same pose: the mean of each corner that most of them show.
+pub fn fuse(views: &[View]) -> View {
+    let mut all: Vec<Corner> = views.iter().flat_map(|v| v.corners.iter().copied()).collect();
+    all.sort_by_key(|c| c.id);
+    let corners = all.chunk_by(|a, b| a.id == b.id).filter(|seen| 2 * seen.len() > views.len());
+    View { corners: corners.map(mean).collect() }
+}
+
+/// Mean of the positions of one corner; those more than 1 px from the median are left out.
+fn mean(seen: &[Corner]) -> Corner {
+    let median = [0, 1].map(|axis| median(seen.iter().map(|c| c.px[axis]).collect()));
+    let near = |c: &&Corner| (c.px[0] - median[0]).hypot(c.px[1] - median[1]) <= 1.0;
+    let (mut sum, mut count) = ([0.0; 2], 0.0);
+    for corner in seen.iter().filter(near) {
+        sum = [sum[0] + corner.px[0], sum[1] + corner.px[1]];
+        count += 1.0;
+    }
+    let px = if count > 0.0 { sum.map(|s| s / count) } else { median };
+    Corner { id: seen[0].id, px }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let middle = values.len() / 2;
+    if values.len() % 2 == 1 { values[middle] } else { 0.5 * (values[middle - 1] + values[middle]) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn view(corners: &[(u32, f64)]) -> View {
+        View::new(corners.iter().map(|(id, x)| Corner { id: *id, px: [*x, 2.0 * x] }).collect())
+    }
+
+    #[test]
+    fn images_of_one_pose_are_averaged_and_strays_left_out() {
+        let fused = fuse(&[view(&[(1, 10.0), (2, 20.0)]), view(&[(1, 10.2), (3, 5.0)]), view(&[(1, 14.0), (2, 20.2)])]);
+        let ids: Vec<_> = fused.corners.iter().map(|c| c.id).collect();
+        assert_eq!(ids, [1, 2]);
+        assert!((fused.px(1).unwrap()[0] - 10.1).abs() < 1e-12);
+        assert!((fused.px(2).unwrap()[1] - 40.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn one_image_stays_as_it_is() {
+        let only = view(&[(4, 1.25), (7, 3.5)]);
+        assert_eq!(fuse(std::slice::from_ref(&only)), only);
+        assert!(fuse(&[]).corners.is_empty());
+    }
+}
