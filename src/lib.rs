@@ -8,7 +8,6 @@ pub mod devices;
 pub mod events;
 pub mod geometry;
 pub mod image;
-#[path = "/tmp/planstub.rs"]
 pub mod plan;
 pub mod recording;
 #[path = "/tmp/reportstub.rs"]

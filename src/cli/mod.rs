@@ -2,12 +2,14 @@
 //!
 //! Uses everything. Start at [`main`].
 
+mod check;
 mod events;
 mod exit;
 mod import;
 mod progress;
 mod replay;
 mod report;
+mod run;
 mod schema;
 mod target;
 
@@ -28,10 +30,14 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Runs a session: moves the arm, captures, solves, judges.
+    Run(run::Run),
     /// Repeats a recorded session without devices, with identical results.
     Replay(replay::Replay),
     /// Turns a foreign data set into a session.
     Import(import::Import),
+    /// Checks a cell, its trajectories, reach, limits and duration; needs no hardware.
+    Check(check::Check),
     /// Makes the images that the display shows.
     #[command(subcommand)]
     Target(target::Target),
@@ -70,8 +76,10 @@ fn execute(arguments: Arguments) -> anyhow::Result<Exit> {
     // Images are spread over cores by us; threads inside OpenCV would only get in their way.
     crate::cv::set_threads(1)?;
     match arguments.command {
+        Command::Run(command) => command.execute(),
         Command::Replay(command) => command.execute(),
         Command::Import(command) => command.execute(),
+        Command::Check(command) => command.execute(),
         Command::Target(command) => command.execute(),
         Command::Report(command) => command.execute(),
         Command::Events(command) => command.execute(),

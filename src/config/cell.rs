@@ -94,7 +94,7 @@ pub struct RobotCell {
     pub payload_kg: f64,
     /// Its centre of gravity in the flange, m.
     pub payload_cog_m: [f64; 3],
-    /// Where a session starts and ends, rad.
+    /// Where a session starts, rad.
     pub home_joints_rad: Joints,
     /// Caps of every move.
     pub limits: MotionLimits,

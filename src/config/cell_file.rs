@@ -95,7 +95,7 @@ pub(super) struct RobotFile {
     #[serde(default)]
     #[garde(inner(range(min = -1.0, max = 1.0)))]
     pub(super) payload_cog_m: [f64; 3],
-    /// Where a session starts and ends, degrees.
+    /// Where a session starts, degrees.
     #[garde(inner(range(min = -360.0, max = 360.0)))]
     pub(super) home_joints_deg: [f64; 6],
     /// Farthest that a joint may be from home at the start, degrees.

@@ -1,5 +1,6 @@
 //! What is wrong with a file, each problem with its line and column.
 
+use std::collections::BTreeSet;
 use std::fmt;
 
 use super::source::{At, Index};
@@ -49,15 +50,23 @@ pub(super) struct Findings<'a> {
     file: &'a str,
     pub(super) index: Index,
     problems: Vec<Problem>,
+    told: BTreeSet<String>,
 }
 
 impl<'a> Findings<'a> {
     pub(super) fn new(file: &'a str, index: Index) -> Self {
-        Self { file, index, problems: Vec::new() }
+        Self { file, index, problems: Vec::new(), told: BTreeSet::new() }
     }
 
-    /// `path` is where and what it is called, `rest` continues the sentence: `is 3, ...`.
+    /// `path` is where and what it is called, `rest` continues the sentence: `is 3, ...`. Of several problems of one
+    /// value the first is told: the others may follow from it.
     pub(super) fn add(&mut self, path: &str, rest: impl fmt::Display) {
+        if self.told.insert(path.to_owned()) {
+            self.push(path, rest);
+        }
+    }
+
+    fn push(&mut self, path: &str, rest: impl fmt::Display) {
         let at = self.index.find(path).map_or(At::default(), |e| e.at);
         let message = if path.is_empty() { rest.to_string() } else { format!("{path} {rest}") };
         self.problems.push(Problem { line: at.line.max(1), column: at.column.max(1), message });
@@ -65,14 +74,13 @@ impl<'a> Findings<'a> {
 
     /// A key that must be there: `parent` names the mapping, empty the file itself.
     pub(super) fn missing(&mut self, parent: &str, key: &str, fix: &str) {
-        self.add(parent, missing(parent, key, fix));
+        self.push(parent, missing(parent, key, fix));
     }
 
     /// The value where nothing is wrong.
     pub(super) fn finish<T>(self, value: T) -> Result<T, ConfigError> {
         let Self { file, mut problems, .. } = self;
         problems.sort();
-        problems.dedup();
         if problems.is_empty() { Ok(value) } else { Err(ConfigError { file: file.into(), problems }) }
     }
 }

@@ -14,7 +14,7 @@ pub(super) fn read<'a, T>(text: &str, file: &'a str) -> Result<(T, Findings<'a>)
 where
     T: DeserializeOwned + JsonSchema + Validate<Context = ()>,
 {
-    let index = Index::of(text);
+    let index = Index::of(text).map_err(|e| no_yaml(&e, text, file))?;
     let options = serde_saphyr::options! { with_snippet: false };
     let value: T = serde_saphyr::from_str_with_options(text, options).map_err(|e| explain(&e, &index, file))?;
     let mut findings = Findings::new(file, index);
@@ -90,14 +90,32 @@ fn walk<'s>(root: &'s Value, node: &'s Value, index: &Index, path: &str, steps: 
 
 /// Of the patterns of a segment, only the one that the file names.
 fn is_chosen(choice: &Value, index: &Index, path: &str) -> bool {
-    let Some(pattern) = choice.pointer("/properties/pattern/const") else { return true };
-    index.find(&join(path, "pattern")).is_some_and(|e| e.shown == pattern.to_string())
+    let Some(pattern) = choice.pointer("/properties/pattern/const").and_then(Value::as_str) else { return true };
+    index.find(&join(path, "pattern")).is_some_and(|e| e.shown == format!("{pattern:?}"))
+}
+
+/// The problem of a text that is no YAML.
+fn no_yaml(error: &Yaml, text: &str, file: &str) -> ConfigError {
+    let error = error.without_snippet();
+    let at = error.location().map_or(At::default(), At::from);
+    let (message, at) = match (error, tab_in_indent(text)) {
+        (Yaml::MultipleDocuments { .. }, _) => {
+            ("a second YAML document begins: one file holds one document".into(), at)
+        }
+        (_, Some(at)) => ("not YAML: a tab in the indentation; indent with spaces".into(), at),
+        (other, None) => (format!("not YAML: {}", plain_syntax(other)), at),
+    };
+    ConfigError::one(file, at, message)
 }
 
 /// The problem of a text that is no `T`.
 fn explain(error: &Yaml, index: &Index, file: &str) -> ConfigError {
     let error = error.without_snippet();
     let at = error.location().map_or(At::default(), At::from);
+    if let (Yaml::Message { msg, .. }, Some(entry)) = (error, index.at(at)) {
+        // Of a segment, and reported at its first key.
+        return ConfigError::one(file, at, format!("{} {msg}", mapping_of(entry, at)));
+    }
     if let Yaml::SerdeMissingField { field, .. } = error {
         let parent = index.at(at).map_or("", |e| mapping_of(e, at));
         let at = index.find(parent).map_or(at, |e| e.at);
@@ -107,6 +125,13 @@ fn explain(error: &Yaml, index: &Index, file: &str) -> ConfigError {
     let entry = index.at(at);
     let (message, at) = said(error, entry, at);
     ConfigError::one(file, at, message)
+}
+
+/// The parser names the end of the line before.
+fn tab_in_indent(text: &str) -> Option<At> {
+    let lines = text.lines().map(|line| line.trim_start_matches(' ').starts_with('\t').then_some(line));
+    let (row, line) = lines.enumerate().find_map(|(row, line)| Some((row, line?)))?;
+    Some(At { line: row as u64 + 1, column: line.find('\t')? as u64 + 1 })
 }
 
 /// The mapping that an error about one of its keys means.
@@ -142,17 +167,16 @@ fn said(error: &Yaml, entry: Option<&Entry>, at: At) -> (String, At) {
             let wanted = expected.replace("an array of length ", "");
             (format!("{path} has {len} values, not {wanted}"), at_value)
         }
+        Yaml::NonFiniteFloat { .. } => (format!("{path} is {shown}: give a finite number"), at_value),
         Yaml::Eof { .. } => ("the file is empty".into(), at),
-        Yaml::MultipleDocuments { .. } => ("a second YAML document begins: one file holds one document".into(), at),
-        Yaml::Message { msg, .. } if entry.is_some() => (format!("{path} {msg}"), at),
-        other => (format!("not YAML: {}", plain_syntax(other)), at),
+        other => (format!("{path}: {}", plain_syntax(other)), at),
     }
 }
 
 fn unknown_key(field: &str, expected: &[&str], path: &str) -> String {
     let place = parent_of(path);
     let place = if place.is_empty() || path == "the file" { "the file".into() } else { format!("`{place}`") };
-    let near = expected.iter().find(|known| is_near(field, known));
+    let near = expected.iter().filter(|known| is_near(field, known)).min_by_key(|known| edits(field, known));
     let hint = near.map_or(String::new(), |known| format!(": did you mean `{known}`?"));
     format!("unknown key `{field}` in {place}{hint} (known: {})", expected.join(", "))
 }

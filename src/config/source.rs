@@ -42,18 +42,17 @@ pub(super) struct Index {
 }
 
 impl Index {
-    /// Reads any YAML; empty where it is no YAML, because then the reading of the file says why.
-    pub(super) fn of(text: &str) -> Self {
+    /// Reads any YAML.
+    pub(super) fn of(text: &str) -> Result<Self, serde_saphyr::Error> {
         let options = serde_saphyr::options! {
             duplicate_keys: serde_saphyr::DuplicateKeyPolicy::PassThrough,
             non_finite_float_policy: serde_saphyr::NonFiniteFloatPolicy::PassThrough,
             with_snippet: false,
         };
         let mut entries = Vec::new();
-        if let Ok(root) = serde_saphyr::from_str_with_options::<Spanned<Node>>(text, options) {
-            collect(root, String::new(), None, &mut entries);
-        }
-        Self { entries }
+        let root = serde_saphyr::from_str_with_options::<Spanned<Node>>(text, options)?;
+        collect(root, String::new(), None, &mut entries);
+        Ok(Self { entries })
     }
 
     /// The value at `path`, or the nearest one that contains it.
@@ -192,7 +191,7 @@ mod tests {
 
     #[test]
     fn every_value_has_a_path_and_a_position() {
-        let index = Index::of("a: 1\nb:\n  - {c: .nan}\n  - x\n");
+        let index = Index::of("a: 1\nb:\n  - {c: .nan}\n  - x\n").unwrap();
         let seen: Vec<_> = index.entries.iter().map(|e| (e.path.as_str(), e.at.line, e.at.column)).collect();
         assert_eq!(seen, [("", 1, 1), ("a", 1, 4), ("b", 3, 3), ("b[0]", 3, 5), ("b[0].c", 3, 9), ("b[1]", 4, 5)]);
         assert_eq!(index.not_finite().map(|e| e.path.as_str()).collect::<Vec<_>>(), ["b[0].c"]);
@@ -202,6 +201,6 @@ mod tests {
 
     #[test]
     fn no_yaml_has_no_index() {
-        assert!(Index::of("a: [1").find("a").is_none());
+        assert!(Index::of("a: [1").is_err());
     }
 }

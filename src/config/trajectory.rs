@@ -23,7 +23,7 @@ pub struct Trajectory {
 pub struct Segment {
     /// How its stops are approached.
     pub motion: Motion,
-    /// The camera that its views are for; absent: the reference camera.
+    /// The camera that its views are for; absent, or not in the cell: the reference camera.
     pub camera: Option<Camera>,
     /// Its stops.
     pub pattern: Pattern,

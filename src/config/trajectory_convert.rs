@@ -145,7 +145,7 @@ impl Convert<'_, '_> {
             self.findings.add(&format!("{path}.displacement_mm"), "is shorter than 1 mm: the two poses must differ");
         }
         let known_m = file.known_mm.map(metres);
-        let near = known_m.is_none_or(|known| (known - length_m).abs() <= 0.02 + 0.1 * length_m);
+        let near = known_m.is_none_or(|known| (known - length_m).abs() <= 0.002 + 0.05 * length_m);
         if !near {
             let (known, length) = (file.known_mm.unwrap_or_default(), length_m * 1e3);
             self.findings.add(

@@ -103,7 +103,8 @@ impl<'de> Visitor<'de> for SegmentVisitor {
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<SegmentFile, A::Error> {
         if map.next_key::<String>()?.as_deref() != Some("pattern") {
             let known = PATTERNS.join(", ");
-            return Err(A::Error::custom(format!("does not begin with its pattern: write `- pattern: {known}` first")));
+            let why = format!("does not begin with its pattern: write `- pattern: NAME` first, one of: {known}");
+            return Err(A::Error::custom(why));
         }
         let pattern = map.next_value()?;
         SegmentFile::rest(pattern, map)
@@ -168,7 +169,7 @@ pub(super) struct ViewsFile {
     /// How the stops are approached.
     #[serde(default, rename = "move")]
     pub(super) motion: Motion,
-    /// The camera that the views are for; absent: the reference camera of the cell.
+    /// The camera that the views are for; absent, or not in the cell: the reference camera.
     pub(super) camera: Option<Camera>,
     /// The stops.
     #[garde(dive)]
@@ -214,7 +215,7 @@ pub(super) struct GridFile {
     /// How the stops are approached.
     #[serde(default, rename = "move")]
     pub(super) motion: Motion,
-    /// The camera that the views are for; absent: the reference camera of the cell.
+    /// The camera that the views are for; absent, or not in the cell: the reference camera.
     pub(super) camera: Option<Camera>,
     /// The middle of the grid.
     #[garde(dive)]
@@ -238,7 +239,7 @@ pub(super) struct DepthFile {
     /// How the stops are approached.
     #[serde(default, rename = "move")]
     pub(super) motion: Motion,
-    /// The camera that the views are for; absent: the reference camera of the cell.
+    /// The camera that the views are for; absent, or not in the cell: the reference camera.
     pub(super) camera: Option<Camera>,
     /// The middle.
     #[garde(dive)]
@@ -259,7 +260,7 @@ pub(super) struct RollFile {
     /// How the stops are approached.
     #[serde(default, rename = "move")]
     pub(super) motion: Motion,
-    /// The camera that the views are for; absent: the reference camera of the cell.
+    /// The camera that the views are for; absent, or not in the cell: the reference camera.
     pub(super) camera: Option<Camera>,
     /// The middle.
     #[garde(dive)]
@@ -280,7 +281,7 @@ pub(super) struct SweepFile {
     /// How the stops are approached.
     #[serde(default, rename = "move")]
     pub(super) motion: Motion,
-    /// The camera that the views are for; absent: the reference camera of the cell.
+    /// The camera that the views are for; absent, or not in the cell: the reference camera.
     pub(super) camera: Option<Camera>,
     /// First view.
     #[garde(dive)]
@@ -301,7 +302,7 @@ pub(super) struct OrbitFile {
     /// How the stops are approached.
     #[serde(default, rename = "move")]
     pub(super) motion: Motion,
-    /// The camera that the views are for; absent: the reference camera of the cell.
+    /// The camera that the views are for; absent, or not in the cell: the reference camera.
     pub(super) camera: Option<Camera>,
     /// Rings of equal tilt, in order.
     #[garde(dive)]
@@ -345,7 +346,7 @@ pub(super) struct TranslateFile {
     /// How the second stop of a pair is approached; the first one is always approached by a joint move.
     #[serde(default = "linear", rename = "move")]
     pub(super) motion: Motion,
-    /// The camera that the views are for; absent: the reference camera of the cell.
+    /// The camera that the views are for; absent, or not in the cell: the reference camera.
     pub(super) camera: Option<Camera>,
     /// The pairs.
     #[garde(dive)]
@@ -362,7 +363,7 @@ fn linear() -> Motion {
 #[schemars(rename = "Pair")]
 #[garde(allow_unvalidated)]
 pub(super) struct PairFile {
-    /// Name of the pair; its poses are `<name>-a` and `<name>-b`.
+    /// Name of the pair; the ids of its poses are `<trajectory>-<name>-a` and `-b`.
     pub(super) name: String,
     /// Where it begins: `view:` or `tcp:`.
     #[garde(dive)]

@@ -17,6 +17,8 @@ const REFINE_HALF_WINDOW_PX: i32 = 5;
 const MIN_MARKER_DISTANCE_RATE: f64 = 0.02;
 /// A corner farther than this from the homography of its view is a false one, pixels.
 const OUTLIER_PX: f64 = 3.0;
+/// The same as a share of a square's side in the image: a strong lens bends large boards away from any plane.
+const OUTLIER_SQUARES: f64 = 0.08;
 
 /// Checks that OpenCV has the dictionary and that it has enough markers for the board.
 pub fn check_dictionary(board: &Board) -> Result<(), CvError> {
@@ -74,7 +76,7 @@ pub fn median_3x3(image: &GrayImage) -> Result<GrayImage, CvError> {
     mat::to_gray(&filtered)
 }
 
-/// Drops corners that no plane explains: more than [`OUTLIER_PX`] from a robust homography.
+/// Drops corners that no plane explains: too far from a robust homography.
 fn without_outliers(board: &Board, view: &View) -> Result<View, CvError> {
     if view.corners.len() < 6 {
         return Ok(view.clone());
@@ -86,14 +88,25 @@ fn without_outliers(board: &Board, view: &View) -> Result<View, CvError> {
     if h.len() != 9 {
         return Ok(View::default());
     }
+    let limit_px = OUTLIER_PX.max(OUTLIER_SQUARES * square_px(board, view));
     let near = |(corner, p): (&Corner, Point2f)| {
         let (x, y) = (f64::from(p.x), f64::from(p.y));
         let w = h[6] * x + h[7] * y + h[8];
         let (u, v) = ((h[0] * x + h[1] * y + h[2]) / w, (h[3] * x + h[4] * y + h[5]) / w);
-        let keep = (corner.px[0] - u).hypot(corner.px[1] - v) <= OUTLIER_PX;
+        let keep = (corner.px[0] - u).hypot(corner.px[1] - v) <= limit_px;
         keep.then_some(*corner)
     };
     Ok(View { corners: view.corners.iter().zip(plane.iter()).filter_map(near).collect() })
+}
+
+/// Median distance of corners that are neighbours in a row, px; 0 where there are none.
+fn square_px(board: &Board, view: &View) -> f64 {
+    let columns = board.squares_x - 1;
+    let neighbours = view.corners.windows(2).filter(|w| w[0].id + 1 == w[1].id && w[1].id % columns != 0);
+    let distance = |w: &[Corner]| (w[0].px[0] - w[1].px[0]).hypot(w[0].px[1] - w[1].px[1]);
+    let mut distances: Vec<f64> = neighbours.map(distance).collect();
+    distances.sort_by(f64::total_cmp);
+    distances.get(distances.len() / 2).copied().unwrap_or(0.0)
 }
 
 fn charuco_board(board: &Board) -> Result<Ptr<aruco::CharucoBoard>, CvError> {

@@ -3,6 +3,10 @@
 //! Drivers never name each other; traits carry no vendor words. Uses `session` for the words that are
 //! logged. Start at [`Robot`].
 
+pub mod rtde;
+pub mod sim;
+pub mod ur;
+
 use crate::geometry::Camera;
 use crate::image::GrayImage;
 use crate::session::{Exposure, MoveTarget, RobotSample, Stamp};

@@ -273,8 +273,7 @@ impl Evt3 {
 
     #[cold]
     fn drop_events(&mut self, count: u32) {
-        let counter =
-            if self.time_known { &mut self.skipped.before_address } else { &mut self.skipped.before_time };
+        let counter = if self.time_known { &mut self.skipped.before_address } else { &mut self.skipped.before_time };
         *counter += u64::from(count);
     }
 }

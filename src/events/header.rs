@@ -272,7 +272,11 @@ fn option_name(text: &str) -> &str {
 
 /// The value of one option of `EVT3;height=720;width=1280`.
 fn option<'a>(text: &'a str, key: &str) -> Option<&'a str> {
-    text.split(';').skip(1).filter_map(|part| part.split_once('=')).find(|(k, _)| k.trim() == key).map(|(_, v)| v.trim())
+    text.split(';')
+        .skip(1)
+        .filter_map(|part| part.split_once('='))
+        .find(|(k, _)| k.trim() == key)
+        .map(|(_, v)| v.trim())
 }
 
 fn size(width: &str, height: &str) -> Result<(u16, u16), RawError> {

@@ -139,9 +139,14 @@ pub enum Refusal {
     DoubledId,
 }
 
-/// All poses of the trajectories with the nominal UR5e; for a cell with a `urdf` use [`expand_with`].
+/// All poses of the trajectories with the nominal UR5e, with a warning if the cell names a `urdf`: that one has to be
+/// read and given to [`expand_with`].
 pub fn expand(cell: &Cell, trajectories: &[(PoseKind, Trajectory)]) -> Result<Plan, PlanError> {
-    expand_with(cell, &Arm::ur5e(), trajectories)
+    let mut plan = expand_with(cell, &Arm::ur5e(), trajectories)?;
+    if let Some(urdf) = &cell.robot.urdf {
+        plan.warnings.push(format!("planned with the nominal UR5e, not with `robot.urdf` {urdf}"));
+    }
+    Ok(plan)
 }
 
 /// All poses of the trajectories, in order, from the home position of the cell; every pose that cannot be

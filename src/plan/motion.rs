@@ -49,9 +49,9 @@ pub(super) fn pause_s(cell: &Cell) -> f64 {
     cell.robot.stillness.window_s + capture_s
 }
 
-/// Samples at least every 0.05 rad.
+/// Samples at least every 0.01 rad, which is 9 mm at full reach.
 fn joint_way(from: &Joints, to: &Joints) -> Vec<Joints> {
-    let steps = ((distance_rad(from, to) / 0.05).ceil() as u32).clamp(1, 1000);
+    let steps = ((distance_rad(from, to) / 0.01).ceil() as u32).clamp(1, 1000);
     let at = |i: u32| std::array::from_fn(|k| from[k] + (to[k] - from[k]) * f64::from(i) / f64::from(steps));
     (0..=steps).map(at).collect()
 }

@@ -74,11 +74,31 @@ pub fn scan(bytes: &[u8]) -> Scan {
 impl Scan {
     fn chunk(&mut self, header: mcap::records::ChunkHeader, data: &[u8], topics: &mut BTreeMap<u16, Arc<str>>) {
         let from_s = header.message_start_time as f64 * 1e-9;
+        // Power loss leaves zeros behind what was written; before them an uncompressed chunk is as it was.
+        let zero_tail = header.compression.is_empty() && data.ends_with(&[0; 64]);
         let records = mcap::read::ChunkReader::new(header, data).and_then(|chunk| chunk.collect::<Result<Vec<_>, _>>());
         match records {
             Ok(records) => records.into_iter().for_each(|record| self.take(record, topics)),
-            Err(error) => self.damage.push(format!("the chunk at {from_s:.3} s is lost: {error}")),
+            Err(error) => {
+                let kept = if zero_tail { self.before_zeros(data, topics) } else { 0 };
+                self.damage.push(format!("the chunk at {from_s:.3} s is lost but for {kept} records: {error}"));
+            }
         }
+    }
+
+    /// Takes the whole records of an uncompressed chunk up to the zeros at its end; returns how many.
+    fn before_zeros(&mut self, mut data: &[u8], topics: &mut BTreeMap<u16, Arc<str>>) -> usize {
+        let written = data.iter().rposition(|b| *b != 0).map_or(0, |last| last + 1);
+        data = &data[..written];
+        let mut kept = 0;
+        while let Some((head, rest)) = data.split_at_checked(9) {
+            let length = head[1..].iter().rev().fold(0_u64, |sum, b| sum << 8 | u64::from(*b));
+            let Some((body, after)) = usize::try_from(length).ok().and_then(|n| rest.split_at_checked(n)) else { break };
+            let Ok(record) = mcap::parse_record(head[0], body) else { break };
+            self.take(record, topics);
+            (data, kept) = (after, kept + 1);
+        }
+        kept
     }
 
     fn take(&mut self, record: Record<'_>, topics: &mut BTreeMap<u16, Arc<str>>) {

@@ -8,8 +8,6 @@ pub(super) enum Tone {
     Bad,
     /// Worth a look.
     Alert,
-    /// Left out, or beside the point.
-    Quiet,
 }
 
 /// A whole report.

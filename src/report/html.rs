@@ -6,6 +6,9 @@ use super::document::{Align, Block, Document, Section, Table, Tone, visible};
 use super::plots;
 use crate::calibration::result::CalibrationResult;
 
+/// Cells of at most so many characters are not broken into lines.
+const SHORT: usize = 32;
+
 const STYLE: &str = include_str!("style.css");
 
 /// The whole page; `result` is what the plots draw.
@@ -51,7 +54,6 @@ fn class(tone: Tone) -> &'static str {
         Tone::Good => "good",
         Tone::Bad => "bad",
         Tone::Alert => "alert",
-        Tone::Quiet => "quiet",
     }
 }
 
@@ -135,7 +137,10 @@ impl Page<'_> {
         self.push("</tr></thead>\n<tbody>\n");
         for row in &table.rows {
             let _ = writeln!(self.html, "<tr class=\"{}\">", class(row.tone));
-            row.cells.iter().enumerate().for_each(|(i, cell)| self.element("td", side(i), cell));
+            for (i, cell) in row.cells.iter().enumerate() {
+                let words = if cell.chars().count() <= SHORT { "short" } else { "" };
+                self.element("td", if side(i).is_empty() { words } else { side(i) }, cell);
+            }
             self.push("</tr>\n");
         }
         self.push("</tbody>\n</table></div>\n");

@@ -10,7 +10,7 @@
 
 mod document;
 #[cfg(test)]
-mod fixture;
+pub(crate) mod fixture;
 mod html;
 mod numbers;
 mod plots;

@@ -50,15 +50,19 @@ impl Lines {
         self.line("");
         self.line(&title);
         self.line(&if loud { "=" } else { "-" }.repeat(title.chars().count().min(WIDTH)));
-        section.blocks.iter().for_each(|b| self.block(b));
+        let mut before: Option<&Block> = None;
+        for block in section.blocks.iter().filter(|b| !matches!(b, Block::Plot(_))) {
+            if before.is_some_and(|b| apart(b, block)) {
+                self.line("");
+            }
+            self.block(block);
+            before = Some(block);
+        }
     }
 
     fn block(&mut self, block: &Block) {
         match block {
-            Block::Heading(text) => {
-                self.line("");
-                self.wrapped(text, 0);
-            }
+            Block::Heading(text) => self.wrapped(text, 0),
             Block::Text(text) | Block::Note(text) => self.wrapped(text, INDENT),
             Block::List(items) => self.list(items),
             Block::Facts(facts) => self.facts(facts),
@@ -114,6 +118,14 @@ impl Lines {
             self.line(&line);
         }
     }
+}
+
+/// Whether an empty line helps between two blocks.
+fn apart(before: &Block, block: &Block) -> bool {
+    let follows_heading = matches!(before, Block::Heading(_));
+    let both_notes = matches!((before, block), (Block::Note(_), Block::Note(_)));
+    let stands_out = |b: &Block| matches!(b, Block::Heading(_) | Block::Table(_) | Block::Note(_));
+    !follows_heading && !both_notes && (stands_out(before) || stands_out(block))
 }
 
 /// Width of each column: as its longest cell needs, the widest columns of words narrowed until all fit.

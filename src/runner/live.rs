@@ -181,9 +181,7 @@ impl World for Live<'_> {
         (self.progress)(command);
         match command {
             Command::Move { target, .. } => {
-                let started = self.devices.robot.start_move(target);
-                self.heartbeat_due = false;
-                if let Err(error) = started {
+                if let Err(error) = self.devices.robot.start_move(target) {
                     let at = self.devices.clock.now();
                     self.pending.push_back((at, Input::RobotLost { why: error.to_string() }));
                 }

@@ -10,7 +10,7 @@ mod replay;
 pub mod setup;
 pub mod solve;
 
-pub use live::{Live, LiveError};
+pub use live::{Devices, Live, LiveError};
 pub use replay::{Diverged, Replay};
 
 use crate::session::{Command, Input, Machine, Outcome, Stamp};

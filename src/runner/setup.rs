@@ -13,7 +13,7 @@ use crate::config::{self, Cell, ConfigError, Stillness};
 use crate::geometry::Camera;
 use crate::plan::{self, Plan, PlanError};
 use crate::recording::{Attachment, ImportSetup, Kind, Recording, RecordingError};
-use crate::session::{Expected, MoveTarget, Stop};
+use crate::session::{Expected, Stop};
 
 /// Everything that a session is run and solved with.
 #[derive(Debug, Clone)]
@@ -320,13 +320,8 @@ fn pairs(plan: &Plan) -> Vec<DistancePair> {
 
 fn machine(cell: &Cell, plan: &Plan) -> MachineSpec {
     let robot = &cell.robot;
-    let mut from = robot.home_joints_rad;
-    let mut stops = Vec::new();
-    for pose in &plan.poses {
-        let deadline_s = 1.5 * move_time_s(&pose.target, &from, &pose.joints_rad) + 5.0;
-        stops.push(Stop { target: pose.target, deadline_s });
-        from = pose.joints_rad;
-    }
+    let stop = |pose: &plan::PlannedPose| Stop { target: pose.target, deadline_s: 1.5 * pose.move_s + 5.0 };
+    let stops = plan.poses.iter().map(stop).collect();
     let expected = Expected {
         tcp_offset: robot.tcp_offset.pose_vector(),
         payload_kg: robot.payload_kg,
@@ -336,18 +331,4 @@ fn machine(cell: &Cell, plan: &Plan) -> MachineSpec {
         start_within_rad: robot.start_within_rad,
     };
     MachineSpec::Live { stops, limits: robot.stillness.clone(), expected: Box::new(expected) }
-}
-
-/// Upper bound of a trapezoidal move: way over speed plus speed over acceleration, s.
-fn move_time_s(target: &MoveTarget, from: &[f64; 6], to: &[f64; 6]) -> f64 {
-    let way_rad = from.iter().zip(to).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    match target {
-        MoveTarget::Joint { speed_rad_s, acceleration_rad_s2, .. } => {
-            way_rad / speed_rad_s + speed_rad_s / acceleration_rad_s2
-        }
-        // The joints of a straight line turn at about the speed of the line over half a metre of reach.
-        MoveTarget::Linear { speed_m_s, acceleration_m_s2, .. } => {
-            way_rad * 1.0 / speed_m_s + speed_m_s / acceleration_m_s2
-        }
-    }
 }

@@ -32,8 +32,8 @@ pub struct Live {
     history: History,
     poses: Vec<PoseRecord>,
     captures: Vec<Captured>,
-    /// Moves commanded so far; the controller counts them too.
-    moves: i32,
+    /// Sequence number of the last move; driver and controller count them alike.
+    sequence: i32,
 }
 
 #[derive(Debug)]
@@ -50,7 +50,7 @@ impl Live {
     pub fn new(stops: Vec<Stop>, limits: Limits, expected: Expected) -> Self {
         let poses = vec![PoseRecord::not_reached(); stops.len()];
         let state = State::Preflight { seen: 0 };
-        Self { stops, limits, expected, state, history: History::default(), poses, captures: Vec::new(), moves: 0 }
+        Self { stops, limits, expected, state, history: History::default(), poses, captures: Vec::new(), sequence: 0 }
     }
 
     fn sample(&mut self, at: Stamp, sample: &RobotSample) -> Option<Command> {
@@ -77,6 +77,8 @@ impl Live {
             self.state = State::Preflight { seen: seen + 1 };
             return None;
         }
+        // The controller counts on from what it acknowledges now.
+        self.sequence = sample.executor_sequence;
         Some(self.go_to(0))
     }
 
@@ -87,7 +89,7 @@ impl Live {
         };
         let command = Command::Move { pose, target: stop.target };
         self.history.clear();
-        self.moves += 1;
+        self.sequence = self.sequence.checked_add(1).unwrap_or(1);
         self.state = State::Moving { pose, since: None, arrived: None, attempt: 0 };
         command
     }
@@ -97,7 +99,7 @@ impl Live {
         let State::Moving { pose, since, arrived, attempt } = &mut self.state else { return None };
         let (pose, attempt) = (*pose, *attempt);
         let started = *since.get_or_insert(at);
-        let ours = sample.executor_sequence == self.moves;
+        let ours = sample.executor_sequence == self.sequence;
         if ours && sample.executor_state == ExecutorState::Refused {
             let why = format!("the controller refused the move to pose {} as outside its safety limits", pose + 1);
             return Some(self.stop(End::Aborted(why.clone()), why));

@@ -238,11 +238,7 @@ fn short(what: &'static str, bytes: usize) -> CodecError {
 }
 
 /// Reads with `take`, and refuses missing and left-over bytes.
-fn exactly<T>(
-    what: &'static str,
-    mut payload: Bytes,
-    take: impl Fn(&mut Bytes) -> Option<T>,
-) -> Result<T, CodecError> {
+fn exactly<T>(what: &'static str, mut payload: Bytes, take: impl Fn(&mut Bytes) -> Option<T>) -> Result<T, CodecError> {
     let bytes = payload.len();
     match take(&mut payload) {
         Some(taken) if payload.is_empty() => Ok(taken),
@@ -280,8 +276,7 @@ fn take_recipe(what: &'static str, payload: &Bytes) -> Result<(u8, Vec<FieldAnsw
     let Some((recipe, types)) = payload.split_first() else { return Err(short(what, 0)) };
     let unknown = |name: &str| CodecError::Payload { what, why: format!("unknown field type `{name}`") };
     let names = names_of(what, types)?;
-    let fields: Result<Vec<_>, _> =
-        names.iter().map(|n| FieldAnswer::from_name(n).ok_or_else(|| unknown(n))).collect();
+    let fields: Result<Vec<_>, _> = names.iter().map(|n| FieldAnswer::from_name(n).ok_or_else(|| unknown(n))).collect();
     Ok((*recipe, fields?))
 }
 

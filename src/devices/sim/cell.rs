@@ -12,7 +12,7 @@ use super::scene::{DisplaySpec, EventSpec, FrameSpec, Optics, Scene, SceneError,
 use super::ur::{Flaws, SimClock, SimController, SimUrConfig, Truth};
 use crate::config::{Cell, Mount, Section};
 use crate::cv::{CvError, charuco};
-use crate::devices::ur::{UrConfig, UrRobot};
+use crate::devices::ur::{MotionCaps, UrConfig, UrRobot};
 use crate::devices::{Clock, EventCamera, FrameCamera, Robot, RobotError};
 use crate::geometry::{Base, Camera, Event, Pinhole, Rgb, Sensor, Tcp, Transform, rotation};
 
@@ -73,6 +73,7 @@ pub struct SimCell {
     /// What is true; for tests only.
     pub truth: SimTruth,
     rig: Arc<Rig>,
+    caps: MotionCaps,
     has: [bool; 2],
     images_per_pose: u32,
 }
@@ -108,8 +109,9 @@ impl SimCell {
             mount_of_camera,
         };
         let rig = Arc::new(rig(cell, scene, placement, arm, clock.clone(), &mut draw));
+        let caps = caps(cell);
         let has = [cell.rgb.is_some(), cell.event.is_some()];
-        Ok(Self { controller, clock, truth, rig, has, images_per_pose: cell.images_per_pose })
+        Ok(Self { controller, clock, truth, rig, caps, has, images_per_pose: cell.images_per_pose })
     }
 
     /// Connects the real driver to the simulated controller.
@@ -119,8 +121,9 @@ impl SimCell {
             rtde_port: ports.rtde,
             script_port: ports.secondary,
             dashboard_port: Some(ports.dashboard),
-            primary_port: Some(ports.primary),
-            ..UrConfig::new("127.0.0.1")
+            primary_port: ports.primary,
+            caps: self.caps,
+            ..UrConfig::at("127.0.0.1")
         };
         let clock: Arc<dyn Clock> = Arc::new(self.clock.clone());
         Ok(Box::new(UrRobot::connect(&config, clock)?))
@@ -165,6 +168,17 @@ fn controller(cell: &Cell, flaws: Flaws, time_scale: f64) -> SimUrConfig {
         payload_cog_m: robot.payload_cog_m,
         serial: robot.serial.clone().unwrap_or_else(|| SimUrConfig::default().serial),
         ..SimUrConfig::default()
+    }
+}
+
+/// Nothing faster than the cell says leaves the driver.
+fn caps(cell: &Cell) -> MotionCaps {
+    let limits = &cell.robot.limits;
+    MotionCaps {
+        joint_speed_rad_s: limits.joint_speed_rad_s,
+        joint_acceleration_rad_s2: limits.joint_acceleration_rad_s2,
+        tcp_speed_m_s: limits.tcp_speed_m_s,
+        tcp_acceleration_m_s2: limits.tcp_acceleration_m_s2,
     }
 }
 

@@ -12,8 +12,8 @@ use super::config::UrConfig;
 use super::fields::{INPUTS, OUTPUTS};
 use crate::devices::RobotError;
 use crate::devices::rtde::{
-    Answer, CodecError, ControllerVersion, DataType, FieldAnswer, Framer, PROTOCOL_VERSION, Recipe, Request,
-    TextLevel, TextMessage, Value,
+    Answer, CodecError, ControllerVersion, DataType, FieldAnswer, Framer, PROTOCOL_VERSION, Recipe, Request, TextLevel,
+    TextMessage, Value,
 };
 
 /// Text messages kept for whoever asks.

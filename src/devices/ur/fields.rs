@@ -86,7 +86,11 @@ impl Order {
 
     pub(super) fn values(&self, heartbeat: i32) -> Vec<Value> {
         let numbers = self.target.iter().chain([&self.speed, &self.acceleration]);
-        [heartbeat, self.sequence, self.command].map(Value::Int32).into_iter().chain(numbers.map(|v| Value::Double(*v))).collect()
+        [heartbeat, self.sequence, self.command]
+            .map(Value::Int32)
+            .into_iter()
+            .chain(numbers.map(|v| Value::Double(*v)))
+            .collect()
     }
 }
 

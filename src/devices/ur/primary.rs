@@ -62,7 +62,9 @@ fn take_part(from: &mut BytesMut) -> Result<Option<(u8, BytesMut)>, String> {
     let Some(head) = from.first_chunk::<4>() else { return Ok(None) };
     let length = u32::from_be_bytes(*head) as usize;
     if !(HEADER_BYTES..=MAX_PACKAGE_BYTES).contains(&length) {
-        return Err(format!("a package of {length} bytes, between {HEADER_BYTES} and {MAX_PACKAGE_BYTES} are possible"));
+        return Err(format!(
+            "a package of {length} bytes, between {HEADER_BYTES} and {MAX_PACKAGE_BYTES} are possible"
+        ));
     }
     if from.len() < length {
         return Ok(None);

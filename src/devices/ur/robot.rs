@@ -297,9 +297,8 @@ mod tests {
     #[test]
     fn samples_that_waited_are_not_fresh() {
         let mut freshness = Freshness::default();
-        let mut judge = |now_s: f64, controller_s: f64| {
-            freshness.judge(Stamp::from_seconds(now_s), controller_s, LIMIT)
-        };
+        let mut judge =
+            |now_s: f64, controller_s: f64| freshness.judge(Stamp::from_seconds(now_s), controller_s, LIMIT);
         assert_eq!(judge(1.000, 50.000), Ok(true));
         assert_eq!(judge(1.008, 50.008), Ok(true));
         assert_eq!(judge(1.009, 50.008), Ok(false), "the same again");

@@ -7,9 +7,10 @@
 use std::collections::HashSet;
 
 use super::edges::Edges;
+use super::fit::{Line, Pairing, Times};
 use super::windows::{EXPOSURE_PART_MIN, PERIODS_MAX};
-use super::{ClockMap, DRIFT_MAX_PPM, ExposureTime, PAIRS_MIN, RESIDUAL_PERIODS, SyncError, SyncSettings};
-use super::TOLERANCE_PERIODS;
+use super::{ClockMap, ExposureTime, SyncError, SyncSettings};
+use super::{DRIFT_MAX_PPM, PAIRS_MIN, RESIDUAL_PERIODS};
 
 /// Exposures whose pairs propose maps; fewer for long sessions, where the work grows with the number of edges.
 const ANCHORS: usize = 12;
@@ -20,12 +21,8 @@ const PROBES: usize = 32;
 const PROBES_MATCHED_MIN: f64 = 0.35;
 /// Part of the exposures that must have an edge.
 const MATCHED_MIN: f64 = 0.5;
-/// Standard deviations from the fit at which a pair leaves it.
-const OUTLIER_SIGMAS: f64 = 6.0;
-/// Noise below this is not told apart: times are whole microseconds.
-const SIGMA_MIN_S: f64 = 5e-6;
-/// How much the drift is expected to be, before the data are seen; matters in sessions of seconds only.
-const DRIFT_EXPECTED: f64 = 100e-6;
+/// Fits that are made of one map, to let the pairs settle.
+const FITS: usize = 4;
 
 /// The one map that explains the edges.
 #[derive(Debug, Clone)]
@@ -61,67 +58,39 @@ pub(super) fn align(
     let Some(problem) = Problem::new(&ordered, edges, &starts, settings) else { return Ok(None) };
     let candidates = problem.candidates();
     let Some(best) = problem.choose(&candidates)? else { return Ok(None) };
+    let Some(pairing) = Pairing::new(best.line, &problem.times) else { return Ok(None) };
     let limit_s = problem.period_s * RESIDUAL_PERIODS;
-    if !(best.rms_s(|_| true) <= limit_s) {
-        return Err(SyncError::Residual { residual_rms_s: best.rms_s(|_| true), limit_s });
+    let residual_rms_s = pairing.rms_s(|_| true);
+    let quiet = residual_rms_s <= limit_s;
+    if !quiet {
+        return Err(SyncError::Residual { residual_rms_s, limit_s });
     }
     let mut pairs = vec![None; exposures.len()];
-    for (&index, pair) in order.iter().zip(&best.pairs) {
-        pairs[index] = pair.map(|start| starts[start]);
+    for &(exposure, start) in &pairing.pairs {
+        pairs[order[exposure]] = Some(starts[start]);
     }
-    let outlier_s = best.outlier_s();
-    let outliers = best.residuals_s.iter().filter(|r| !(r.abs() <= outlier_s)).count();
-    let rms_s = best.rms_s(|r| r.abs() <= outlier_s);
+    let outlier_s = pairing.outlier_s();
+    let outliers = pairing.residuals_s.iter().filter(|r| r.abs() > outlier_s).count();
+    let rms_s = pairing.rms_s(|r| r.abs() <= outlier_s);
     Ok(Some(Aligned { clock: problem.clock(best.line), pairs, rms_s, outliers }))
 }
 
-/// `host = offset + (1 + drift) * sensor`, both in seconds since the references of a [`Problem`].
+/// A fitted map, and how much it explains.
 #[derive(Debug, Clone, Copy)]
-struct Line {
-    offset_s: f64,
-    drift: f64,
-}
-
-impl Line {
-    fn sensor_s(self, host_s: f64) -> f64 {
-        (host_s - self.offset_s) / (1.0 + self.drift)
-    }
-
-    fn residual_s(self, host_s: f64, sensor_s: f64) -> f64 {
-        host_s - self.offset_s - (1.0 + self.drift) * sensor_s
-    }
-}
-
-/// A fitted map and what it pairs.
-#[derive(Debug, Clone)]
 struct Candidate {
     line: Line,
-    pairs: Vec<Option<usize>>,
-    /// Of the pairs, in order.
-    residuals_s: Vec<f64>,
-    /// Noise of the pairs, from the median of their residuals.
-    sigma_s: f64,
+    /// Exposures with an edge.
+    matched: usize,
     /// Poses with a closing pulse after their last exposure.
     closed: usize,
+    /// Noise of the pairs.
+    sigma_s: f64,
 }
 
 impl Candidate {
-    fn matched(&self) -> usize {
-        self.residuals_s.len()
-    }
-
     /// Pulses that are where they belong.
     fn explained(&self) -> usize {
-        self.matched() + self.closed
-    }
-
-    fn outlier_s(&self) -> f64 {
-        OUTLIER_SIGMAS * self.sigma_s
-    }
-
-    fn rms_s(&self, wanted: impl Fn(f64) -> bool) -> f64 {
-        let squares: Vec<f64> = self.residuals_s.iter().filter(|r| wanted(**r)).map(|r| r * r).collect();
-        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+        self.matched + self.closed
     }
 
     /// Whether it fits so much better than `other` that chance cannot be the reason.
@@ -129,15 +98,14 @@ impl Candidate {
     /// The bound on the ratio of variances is about the 99.9 % point of the F distribution, widened because medians
     /// are rough.
     fn is_quieter_than(&self, other: &Self) -> bool {
-        let freedom = self.matched().min(other.matched()).saturating_sub(2).max(1) as f64;
+        let freedom = self.matched.min(other.matched).saturating_sub(2).max(1) as f64;
         (other.sigma_s / self.sigma_s).powi(2) > 1.0 + 40.0 / freedom.sqrt()
     }
 }
 
-/// Times on both clocks, in seconds since a reference on each, so that no precision is lost to large offsets.
+/// What is to be paired.
 struct Problem {
-    hosts_s: Vec<f64>,
-    sensors_s: Vec<f64>,
+    times: Times,
     /// Starts of the last exposure of each pose, on the host's clock.
     last_hosts_s: Vec<f64>,
     /// Closing pulses, on the sensor's clock.
@@ -148,7 +116,6 @@ struct Problem {
     sensor_reference_s: f64,
     /// Shortest time from one exposure to the next.
     period_s: f64,
-    tolerance_s: f64,
 }
 
 impl Problem {
@@ -162,15 +129,13 @@ impl Problem {
         let period_s = hosts_s.windows(2).map(|pair| pair[1] - pair[0]).fold(settings.frame_period_s, f64::min);
         let poses = exposures.chunk_by(|a, b| a.pose == b.pose);
         Some(Self {
-            hosts_s,
-            sensors_s: starts.iter().map(|&index| sensor_s(index)).collect(),
+            times: Times::new(hosts_s, starts.iter().map(|&index| sensor_s(index)).collect(), period_s),
             last_hosts_s: poses.filter_map(|pose| pose.last()).map(host_s).collect(),
             closing_s: (0..edges.rising.len()).filter(|&i| edges.rising[i].closing).map(sensor_s).collect(),
             closing_after_s: [EXPOSURE_PART_MIN * settings.exposure_s, PERIODS_MAX * settings.frame_period_s],
             host_reference_s,
             sensor_reference_s: reference_us as f64 * 1e-6,
             period_s,
-            tolerance_s: period_s * TOLERANCE_PERIODS,
         })
     }
 
@@ -179,22 +144,19 @@ impl Problem {
         ClockMap { offset_s, ppm: line.drift * 1e6 }
     }
 
-    fn span_s(&self) -> f64 {
-        self.hosts_s.last().copied().unwrap_or(0.0)
-    }
-
-    /// All fitted maps that pair enough, each once.
+    /// All fitted maps that pair enough and are not far behind the best, each once.
     fn candidates(&self) -> Vec<Candidate> {
-        let mut found: Vec<Candidate> = Vec::new();
-        let mut tried = HashSet::new();
-        let probes = spread(self.hosts_s.len(), PROBES);
-        let needed = (MATCHED_MIN * self.hosts_s.len() as f64).ceil().max(PAIRS_MIN as f64) as usize;
+        let (mut found, mut tried, mut most) = (Vec::<Candidate>::new(), HashSet::new(), 0);
+        let probes = spread(self.times.hosts_s.len(), PROBES);
+        let needed = (MATCHED_MIN * self.times.hosts_s.len() as f64).ceil().max(PAIRS_MIN as f64) as usize;
         self.propose(|line| {
-            if !self.passes(line, &probes) || !tried.insert(self.key(line)) {
+            if !self.passes(line, &probes) || !tried.insert(self.times.key(line)) {
                 return;
             }
-            let Some(candidate) = self.fit(line) else { return };
-            if candidate.matched() >= needed && !found.iter().any(|other| self.is_same(other.line, candidate.line)) {
+            let Some(candidate) = self.fit(line, most) else { return };
+            most = most.max(candidate.explained());
+            if candidate.matched >= needed && !found.iter().any(|other| self.times.is_same(other.line, candidate.line))
+            {
                 found.push(candidate);
             }
         });
@@ -203,17 +165,18 @@ impl Problem {
 
     /// Calls `take` with the map through every two anchors and every two edges that are as far apart.
     fn propose(&self, mut take: impl FnMut(Line)) {
-        let count = if self.sensors_s.len() > MANY_EDGES { ANCHORS_OF_MANY } else { ANCHORS };
-        let anchors: Vec<f64> = spread(self.hosts_s.len(), count).into_iter().map(|i| self.hosts_s[i]).collect();
+        let count = if self.times.sensors_s.len() > MANY_EDGES { ANCHORS_OF_MANY } else { ANCHORS };
+        let anchors: Vec<f64> =
+            spread(self.times.hosts_s.len(), count).into_iter().map(|i| self.times.hosts_s[i]).collect();
         let drift_max = DRIFT_MAX_PPM * 1e-6;
         for (i, &host_s) in anchors.iter().enumerate() {
             for apart_s in anchors[i + 1..].iter().map(|later_s| later_s - host_s) {
-                if apart_s < self.span_s() / 4.0 {
+                if apart_s < self.times.span_s() / 4.0 {
                     continue;
                 }
-                let slack_s = apart_s * drift_max + self.tolerance_s;
-                for (j, &sensor_s) in self.sensors_s.iter().enumerate() {
-                    let later = &self.sensors_s[j + 1..];
+                let slack_s = apart_s * drift_max + self.times.tolerance_s;
+                for (j, &sensor_s) in self.times.sensors_s.iter().enumerate() {
+                    let later = &self.times.sensors_s[j + 1..];
                     let from = later.partition_point(|s| s - sensor_s < apart_s - slack_s);
                     for other_s in later[from..].iter().take_while(|s| *s - sensor_s <= apart_s + slack_s) {
                         let drift = (apart_s / (other_s - sensor_s) - 1.0).clamp(-drift_max, drift_max);
@@ -232,50 +195,26 @@ impl Problem {
             if hits + probes.len() - tried < needed {
                 return false;
             }
-            hits += usize::from(self.nearest(line, self.hosts_s[probe]).is_some());
+            hits += usize::from(self.times.nearest(line, self.times.hosts_s[probe]).is_some());
         }
         hits >= needed
     }
 
-    /// The edge nearest to an exposure, within the tolerance.
-    fn nearest(&self, line: Line, host_s: f64) -> Option<usize> {
-        let sensor_s = line.sensor_s(host_s);
-        let after = self.sensors_s.partition_point(|s| *s < sensor_s);
-        let distance_s = |edge: usize| self.sensors_s.get(edge).map_or(f64::INFINITY, |s| (s - sensor_s).abs());
-        let before = after.wrapping_sub(1);
-        let edge = if distance_s(before) <= distance_s(after) { before } else { after };
-        (distance_s(edge) <= self.tolerance_s).then_some(edge)
-    }
-
-    /// Maps with the same key pair the same edges.
-    fn key(&self, line: Line) -> (i64, i64) {
-        let at_end_s = line.sensor_s(self.span_s());
-        let steps = |s: f64| (s / (self.tolerance_s / 4.0)).round() as i64;
-        (steps(line.sensor_s(0.0)), steps(at_end_s))
-    }
-
-    /// Whether two fitted maps are one: an edge within the tolerance of one is within that of the other.
-    fn is_same(&self, a: Line, b: Line) -> bool {
-        [0.0, self.span_s()].iter().all(|&host_s| (a.sensor_s(host_s) - b.sensor_s(host_s)).abs() <= self.tolerance_s)
-    }
-
-    /// Pairs and fits in turn until both agree; `None` where too little is paired.
-    fn fit(&self, mut line: Line) -> Option<Candidate> {
-        for _ in 0..4 {
-            line = self.least_squares(&self.candidate(line)?);
+    /// Pairs and fits in turn; `None` where too little is paired or far less than the `most` explained so far.
+    fn fit(&self, mut line: Line, most: usize) -> Option<Candidate> {
+        for _ in 0..FITS {
+            let pairing = Pairing::new(line, &self.times)?;
+            if self.candidate(line, &pairing).explained() + 2 * self.about() < most {
+                return None;
+            }
+            line = pairing.least_squares(&self.times);
         }
-        self.candidate(line)
+        Some(self.candidate(line, &Pairing::new(line, &self.times)?))
     }
 
-    fn candidate(&self, line: Line) -> Option<Candidate> {
-        let pairs: Vec<Option<usize>> = self.hosts_s.iter().map(|&host_s| self.nearest(line, host_s)).collect();
-        let residual = |(&host_s, pair): (&f64, &Option<usize>)| Some(line.residual_s(host_s, self.sensors_s[(*pair)?]));
-        let residuals_s: Vec<f64> = self.hosts_s.iter().zip(&pairs).filter_map(residual).collect();
-        let mut sizes: Vec<f64> = residuals_s.iter().map(|r| r.abs()).collect();
-        sizes.sort_by(f64::total_cmp);
-        let sigma_s = (1.4826 * sizes.get(sizes.len() / 2)?).max(SIGMA_MIN_S);
-                let closed = self.last_hosts_s.iter().filter(|host_s| self.is_closed(line, **host_s)).count();
-        (sizes.len() >= PAIRS_MIN).then_some(Candidate { line, pairs, residuals_s, sigma_s, closed })
+    fn candidate(&self, line: Line, pairing: &Pairing) -> Candidate {
+        let closed = self.last_hosts_s.iter().filter(|host_s| self.is_closed(line, **host_s)).count();
+        Candidate { line, matched: pairing.pairs.len(), closed, sigma_s: pairing.sigma_s }
     }
 
     /// Whether a closing pulse follows a last exposure.
@@ -283,27 +222,6 @@ impl Problem {
         let [from_s, to_s] = self.closing_after_s.map(|after_s| line.sensor_s(host_s + after_s));
         let next = self.closing_s.partition_point(|s| *s < from_s);
         self.closing_s.get(next).is_some_and(|s| *s <= to_s)
-    }
-
-    /// The least-squares line through the pairs that are no outliers, with drift in its bounds.
-    fn least_squares(&self, candidate: &Candidate) -> Line {
-        let points = self.hosts_s.iter().zip(&candidate.pairs).filter_map(|(&host_s, pair)| Some((host_s, (*pair)?)));
-        let points: Vec<(f64, f64)> = points
-            .map(|(host_s, edge)| (self.sensors_s[edge], host_s - self.sensors_s[edge]))
-            .zip(&candidate.residuals_s)
-            .filter(|(_, residual_s)| residual_s.abs() <= candidate.outlier_s())
-            .map(|(point, _)| point)
-            .collect();
-        let count = points.len() as f64;
-        let mean_s = points.iter().map(|(sensor_s, _)| sensor_s).sum::<f64>() / count;
-        let mean_ahead_s = points.iter().map(|(_, ahead_s)| ahead_s).sum::<f64>() / count;
-        let (mut square, mut product) = ((candidate.sigma_s / DRIFT_EXPECTED).powi(2), 0.0);
-        for (sensor_s, ahead_s) in &points {
-            square += (sensor_s - mean_s).powi(2);
-            product += (sensor_s - mean_s) * (ahead_s - mean_ahead_s);
-        }
-        let drift = (product / square).clamp(-DRIFT_MAX_PPM * 1e-6, DRIFT_MAX_PPM * 1e-6);
-        Line { offset_s: mean_ahead_s - drift * mean_s, drift }
     }
 
     /// The candidate that beats all others.
@@ -314,16 +232,21 @@ impl Problem {
             None => Ok(Some(best)),
             Some(other) => Err(SyncError::Ambiguous {
                 offset_s: self.clock(best.line).offset_s,
-                matched: best.matched(),
+                matched: best.matched,
                 other_offset_s: self.clock(other.line).offset_s,
-                other_matched: other.matched(),
+                other_matched: other.matched,
             }),
         }
     }
 
+    /// Two maps explain about as much if they differ by fewer pulses.
+    fn about(&self) -> usize {
+        (self.times.hosts_s.len() / 10).max(2)
+    }
+
     /// Whether `a` is clearly the better answer: it fits far better and explains about as much, or else explains more.
     fn beats(&self, a: &Candidate, b: &Candidate) -> bool {
-        let about = (self.hosts_s.len() / 10).max(2);
+        let about = self.about();
         if b.is_quieter_than(a) && b.explained() + about >= a.explained() {
             return false;
         }

@@ -34,7 +34,9 @@ impl Edges {
         edges.sort_by_key(|edge| edge.t_us);
         let (pulses, doubled) = pulses(&edges);
         let closing_max_us = settings.exposure_s * 0.5e6;
-        let closing = |pulse: &Pulse| pulse.fall_us.is_some_and(|t_us| (t_us.saturating_sub(pulse.rise_us) as f64) < closing_max_us);
+        let closing = |pulse: &Pulse| {
+            pulse.fall_us.is_some_and(|t_us| (t_us.saturating_sub(pulse.rise_us) as f64) < closing_max_us)
+        };
         let rising = pulses.iter().map(|pulse| Edge { t_us: pulse.rise_us, closing: closing(pulse) }).collect();
         Self { rising, doubled }
     }

@@ -6,6 +6,7 @@
 
 mod align;
 mod edges;
+mod fit;
 mod windows;
 
 #[cfg(test)]
@@ -192,11 +193,7 @@ impl TriggerSync {
     ///
     /// # Errors
     /// [`SyncError`] for senseless input, when no map or more than one explains it, and when the best one is poor.
-    pub fn find(
-        triggers: &[Trigger],
-        exposures: &[ExposureTime],
-        settings: &SyncSettings,
-    ) -> Result<Self, SyncError> {
+    pub fn find(triggers: &[Trigger], exposures: &[ExposureTime], settings: &SyncSettings) -> Result<Self, SyncError> {
         check(exposures, settings)?;
         let edges = edges::Edges::classify(triggers, settings);
         let (starts, closing) = (edges.starts(), edges.closing());
@@ -207,8 +204,11 @@ impl TriggerSync {
             let (exposures, edges, channel) = (exposures.len(), starts.len(), settings.channel);
             return Err(SyncError::TooFew { exposures, edges, closing, channel, channels });
         }
-        let aligned = align::align(exposures, &edges, settings)?
-            .ok_or(SyncError::NoAlignment { exposures: exposures.len(), edges: starts.len(), closing })?;
+        let aligned = align::align(exposures, &edges, settings)?.ok_or(SyncError::NoAlignment {
+            exposures: exposures.len(),
+            edges: starts.len(),
+            closing,
+        })?;
         let (windows, mut notes) = windows::windows(&edges, &aligned.pairs, exposures, settings);
         notes.extend(aligned.note());
         let matched = aligned.pairs.iter().flatten().count();
@@ -236,15 +236,14 @@ fn check(exposures: &[ExposureTime], settings: &SyncSettings) -> Result<(), Sync
         if !(exposure.start_host_s.is_finite() && exposure.end_host_s.is_finite()) {
             return Err(wrong(index, "has a start or end that is not a number"));
         }
-        if !(exposure.end_host_s > exposure.start_host_s) {
+        if exposure.end_host_s <= exposure.start_host_s {
             return Err(wrong(index, "does not end after its start"));
         }
     }
     let mut order: Vec<usize> = (0..exposures.len()).collect();
     order.sort_by(|&a, &b| exposures[a].start_host_s.total_cmp(&exposures[b].start_host_s));
-    let twice = order.windows(2).find(|pair| {
-        let apart_s = exposures[pair[1]].start_host_s - exposures[pair[0]].start_host_s;
-        !(apart_s > exposure_s / 2.0)
-    });
+    let twice = order
+        .windows(2)
+        .find(|pair| exposures[pair[1]].start_host_s - exposures[pair[0]].start_host_s <= exposure_s / 2.0);
     twice.map_or(Ok(()), |pair| Err(wrong(pair[1], "starts during the exposure before it")))
 }

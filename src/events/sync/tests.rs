@@ -28,8 +28,7 @@ impl Session {
     fn new(clock: ClockMap, starts_s: &[f64], per_pose: usize, jitter_s: f64, seed: u64) -> Self {
         let mut random = Pcg64::seed_from_u64(seed);
         let jitter = Normal::new(0.0, jitter_s).unwrap();
-        let mut session =
-            Self { clock, exposing_us: vec![], closing_us: vec![], exposures: vec![], extra: vec![] };
+        let mut session = Self { clock, exposing_us: vec![], closing_us: vec![], exposures: vec![], extra: vec![] };
         for (pose, start_s) in starts_s.iter().enumerate() {
             let at_us = |index: usize| ((8.0 + start_s + PERIOD_S * index as f64) * 1e6).round() as i64;
             let pulse = |index: usize, length_s: f64| (at_us(index), at_us(index) + (length_s * 1e6) as i64);
@@ -119,7 +118,8 @@ fn edge(t_us: i64, rising: bool) -> Trigger {
 
 #[test]
 fn undisturbed_sessions_are_understood_whole() {
-    for (session, per_pose) in [(Session::uneven(60, 1, 1), 1), (Session::uneven(60, 3, 2), 3), (Session::even(60, 1, 3), 1)]
+    for (session, per_pose) in
+        [(Session::uneven(60, 1, 1), 1), (Session::uneven(60, 3, 2), 3), (Session::even(60, 1, 3), 1)]
     {
         let found = session.find().unwrap();
         session.assert_clock(&found, 20e-6);
@@ -243,8 +243,7 @@ fn everything_at_once() {
         let triggers: Vec<Trigger> = session.triggers().into_iter().filter(|t| !lost.contains(&t.t_us)).collect();
         let found = TriggerSync::find(&triggers, &session.exposures, &SETTINGS).unwrap();
         let probe_us = end_us / 2;
-        let error_s =
-            found.clock.host_s_from_sensor_us(probe_us) - session.clock.host_s_from_sensor_us(probe_us);
+        let error_s = found.clock.host_s_from_sensor_us(probe_us) - session.clock.host_s_from_sensor_us(probe_us);
         assert!(error_s.abs() < 20e-6, "seed {seed}: {error_s}");
         for (window, truth) in found.windows.iter().zip(session.all_windows()) {
             let (Some(window), Some(truth)) = (window, truth) else { continue };
@@ -375,6 +374,6 @@ fn clock_map_and_back() {
         }
     }
     let second_s = CLOCK.host_s_from_sensor_us(1_000_000);
-    assert!((second_s - 3218.400_012).abs() < 1e-9, "{second_s}");
+    assert!((second_s - 3_218.400_012).abs() < 1e-9, "{second_s}");
     assert_eq!(CLOCK.sensor_us_from_host_s(f64::NAN), 0);
 }

@@ -76,11 +76,8 @@ fn evt3_recording_is_decoded_as_by_the_evt3_crate() {
     let (mut theirs, mut their_edges) = (Vec::new(), Vec::new());
     evt3::Evt3Decoder::new().decode_bytes(data, &mut theirs, &mut their_edges).unwrap();
     assert!(events.iter().copied().eq(theirs.iter().map(event_from_foreign)));
-    let edge = |edge: &evt3::TriggerEvent| Trigger {
-        t_us: edge.timestamp as i64,
-        channel: edge.id,
-        rising: edge.value == 1,
-    };
+    let edge =
+        |edge: &evt3::TriggerEvent| Trigger { t_us: edge.timestamp as i64, channel: edge.id, rising: edge.value == 1 };
     assert!(triggers.iter().copied().eq(their_edges.iter().map(edge)));
 }
 

@@ -35,12 +35,13 @@ fn evt3_words_by_hand() {
 
 #[test]
 fn evt2_and_evt21_words_by_hand() {
-    let evt2: [u32; 5] = [0x8000_0002, 0x1000_0000 | 5 << 22 | 1279 << 11 | 719, 0xa000_0000 | 6 << 22 | 17 << 8, 0, 0xe000_0000];
+    let evt2: [u32; 5] =
+        [0x8000_0002, 0x1000_0000 | 5 << 22 | 1279 << 11 | 719, 0xa000_0000 | 6 << 22 | 17 << 8, 0, 0xe000_0000];
     let bytes: Vec<u8> = evt2.iter().flat_map(|word| word.to_le_bytes()).collect();
     let (events, triggers) = decode(Format::Evt2, &bytes);
     assert_eq!(events, [event(133, 1279, 719, true), event(128, 0, 0, false)]);
     assert_eq!(triggers, [Trigger { t_us: 134, channel: 17, rising: false }]);
-    // The example in Prophesee's documentation of how 0x8000000200000000 and the like are sent.
+    // Whole words (GenX320), and words sent upper half first (IMX636).
     for (legacy_halves, words) in [
         (false, [0x8000_0002_0000_0000_u64, (0x1000_0000 | 5 << 22 | 32 << 11 | 719) << 32 | 0x8000_0001]),
         (true, [0x0000_0000_8000_0002, 0x8000_0001 << 32 | 0x1000_0000 | 5 << 22 | 32 << 11 | 719]),

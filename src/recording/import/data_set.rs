@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::error::Place;
+use super::error::{ImportError, Place};
 use super::events_raw::RawFile;
 use super::source::Source;
 use crate::board::{Board, DICTIONARIES};
@@ -62,6 +62,12 @@ pub(super) struct ImageFile {
     pub(super) name: String,
     /// Where the source names it.
     pub(super) named_at: Place,
+}
+
+/// The board that the user gives, checked.
+pub(super) fn given_board(board: &Board) -> Result<Board, ImportError> {
+    check_board(board).map_err(|why| Place::file("--board").wrong(format!("cannot be: {why}")))?;
+    Ok(board.clone())
 }
 
 /// Why a board cannot be, dictionary included.

@@ -43,8 +43,8 @@ pub(super) fn read(source: &mut Source, poses: &[Pose], has_rgb: bool) -> Result
     let (mut ids, mut paths) = (BTreeSet::new(), BTreeSet::new());
     let mut frames = Vec::new();
     for row in table.rows() {
-        let frame = read_frame(&row, &by_id)?;
         let (place, id) = (row.place(), row.text("frame_id")?);
+        let frame = read_frame(&row, &by_id)?;
         if !ids.insert(id) {
             return Err(place.wrong(format!("frame_id `{id}` is there already")));
         }

@@ -114,14 +114,19 @@ fn describe(board_given: bool) -> String {
 
 /// Reads YAML; keys that the type does not have are ignored.
 fn parse<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, ImportError> {
-    serde_saphyr::from_str(text).map_err(|error| {
-        let error = error.without_snippet();
-        let place = error.location().map_or_else(|| Place::file(file), |at| place(file, at.line(), at.column()));
-        let what = error.to_string();
-        // The location is in front already.
-        let what = what.split(" at line ").next().unwrap_or(&what);
-        place.wrong(what.lines().next().unwrap_or(what))
-    })
+    serde_saphyr::from_str(text).map_err(|error| yaml_error(file, text, error.without_snippet()))
+}
+
+/// The library's message without its location, which is in front already, and with the line that it is about.
+fn yaml_error(file: &str, text: &str, error: &serde_saphyr::Error) -> ImportError {
+    let what = error.to_string();
+    let what = what.lines().next().unwrap_or_default();
+    let what = what.split(" at line ").next().unwrap_or_default();
+    // The library speaks to programmers here.
+    let what = what.split(", set DuplicateKeyPolicy").next().unwrap_or_default();
+    let Some(at) = error.location() else { return Place::file(file).wrong(format!("cannot be read: {what}")) };
+    let line = text.lines().nth((at.line() as usize).saturating_sub(1)).unwrap_or_default().trim();
+    place(file, at.line(), at.column()).wrong(format!("{what}, in `{line}`"))
 }
 
 fn place(file: &str, line: u64, column: u64) -> Place {
@@ -144,7 +149,7 @@ fn check_static(list: &CalData) -> Result<(), ImportError> {
 
 fn board(source: &mut Source, options: &ImportOptions) -> Result<Board, ImportError> {
     if let Some(board) = &options.board {
-        return data_set::check_board(board).map(|()| board.clone()).map_err(|why| Place::file("--board").wrong(why));
+        return data_set::given_board(board);
     }
     if !source.has(TARGET) {
         return Err(Place::file(TARGET).wrong("is missing; it describes the board: add it or give --board"));

@@ -53,11 +53,12 @@ pub(super) fn read(source: &mut Source, mode: Mode) -> Result<Vec<Pose>, ImportE
     // Handheld cameras have no robot poses at all.
     if mode == Mode::Handeye { &mut required } else { &mut optional }.extend(POSE);
     let table = Table::read(source, POSES, &required, &optional)?;
-    let (with_pose, with_joints) = (group(&table, &POSE)?, group(&table, &JOINTS)?);
+    check_group(&table, &POSE)?;
+    check_group(&table, &JOINTS)?;
     let mut lines = BTreeMap::new();
     let mut poses = Vec::new();
     for row in table.rows() {
-        let pose = read_pose(&row, mode, with_pose, with_joints)?;
+        let pose = read_pose(&row, mode)?;
         if let Some(earlier) = lines.insert(pose.id.clone(), row.place()) {
             return Err(row.place().wrong(format!("pose_id `{}` is there already, in {earlier}", pose.id)));
         }
@@ -74,25 +75,25 @@ pub(super) fn read(source: &mut Source, mode: Mode) -> Result<Vec<Pose>, ImportE
     Ok(poses)
 }
 
-/// Whether a table has all of these columns; some of them is an error.
-fn group(table: &Table, columns: &[&str]) -> Result<bool, ImportError> {
+/// A table has all of these columns or none.
+fn check_group(table: &Table, columns: &[&str]) -> Result<(), ImportError> {
     let (found, missing): (Vec<_>, Vec<_>) = columns.iter().copied().partition(|column| table.has(column));
-    if !found.is_empty() && !missing.is_empty() {
-        let what = format!("column {} is missing, but {} is there", missing.join(", "), found.join(", "));
-        return Err(Place::line(POSES, 1).wrong(what));
+    if found.is_empty() || missing.is_empty() {
+        return Ok(());
     }
-    Ok(missing.is_empty())
+    let what = format!("column {} is missing, but {} is there", missing.join(", "), found.join(", "));
+    Err(table.header_place().wrong(what))
 }
 
-fn read_pose(row: &Row<'_>, mode: Mode, with_pose: bool, with_joints: bool) -> Result<Pose, ImportError> {
+fn read_pose(row: &Row<'_>, mode: Mode) -> Result<Pose, ImportError> {
     let kind = kind(row, mode)?;
     Ok(Pose {
         id: row.text("pose_id")?.into(),
         kind,
         pair: row.text_or_empty("pair").into(),
         still_host_s: still_host_s(row)?,
-        base_from_tcp: if with_pose { base_from_tcp(row, mode, kind)? } else { None },
-        joints_rad: if with_joints { joints_rad(row)? } else { None },
+        base_from_tcp: base_from_tcp(row, mode, kind)?,
+        joints_rad: joints_rad(row)?,
         place: row.place(),
     })
 }
@@ -118,7 +119,7 @@ fn still_host_s(row: &Row<'_>) -> Result<[f64; 2], ImportError> {
     Err(row.place().wrong(format!("t_still_to_host_s is {to_s}, not after t_still_from_host_s, which is {from_s}")))
 }
 
-/// The robot pose; without one (all empty or all zero) a pose can only serve cameras and stereo.
+/// The robot pose; without one (all absent, empty or zero) a pose can only serve cameras and stereo.
 fn base_from_tcp(row: &Row<'_>, mode: Mode, kind: PoseKind) -> Result<Option<Transform<Base, Tcp>>, ImportError> {
     let mut pose = [0.0; 6];
     if !row.all_empty(&POSE) {
@@ -138,7 +139,7 @@ fn base_from_tcp(row: &Row<'_>, mode: Mode, kind: PoseKind) -> Result<Option<Tra
     Ok(None)
 }
 
-/// All zero or all empty means unknown.
+/// All zero, empty or absent means unknown.
 fn joints_rad(row: &Row<'_>) -> Result<Option<Joints>, ImportError> {
     if row.all_empty(&JOINTS) {
         return Ok(None);

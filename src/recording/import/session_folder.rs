@@ -8,8 +8,8 @@ use super::events_raw::{self, RawFile};
 use super::frames::{self, FRAMES, Frame};
 use super::poses::{self, POSES, Pose};
 use super::session_json::{self, Mode, SessionJson};
-use super::source::{Source, place_of};
-use super::{ImportOptions, MARKER_A, some_of};
+use super::source::Source;
+use super::{ImportOptions, some_of};
 use crate::calibration::problem::{CameraSetup, CheckTruth};
 use crate::geometry::Camera;
 use crate::recording::setup::{ImportSetup, ImportedPose};
@@ -127,8 +127,6 @@ fn note_timing(source: &mut Source, json: &SessionJson, poses: &[Pose], frames: 
 /// Surveys the RAW file and holds its triggers against the frames.
 fn events(source: &mut Source, json: &SessionJson, frames: &[Frame]) -> Result<Option<RawFile>, ImportError> {
     let (Some(camera), Some(trigger)) = (&json.event, &json.trigger) else { return Ok(None) };
-    let text = std::fs::read_to_string(source.path(MARKER_A)).unwrap_or_default();
-    source.check_file(&place_of(MARKER_A, &text, &["\"event\"", "\"raw\""]), "event.raw", &camera.raw)?;
     let raw = events_raw::survey(source, camera)?;
     let (channel, place) = (trigger.channel, Place::file(&camera.raw));
     let rising = raw.rising_edges.get(&channel).copied().unwrap_or(0);

@@ -136,6 +136,9 @@ pub(super) fn read(source: &mut Source, board: Option<&Board>) -> Result<(Sessio
     let check = Check { text: &text };
     let board = check.board(&json, board)?;
     check.cameras(&json)?;
+    if let Some(camera) = &json.event {
+        source.check_file(&check.place(&["event", "raw"]), "event.raw", &camera.raw)?;
+    }
     check.timing(&json)?;
     check.checks(&json, &board)?;
     Ok((json, board))
@@ -154,11 +157,15 @@ struct Check<'a> {
 }
 
 impl Check<'_> {
-    /// The error at a key, given from the outermost object inwards; its name comes first in the text.
-    fn wrong(&self, keys: &[&str], what: &str) -> ImportError {
+    /// Where a key is, given from the outermost object inwards.
+    fn place(&self, keys: &[&str]) -> Place {
         let quoted: Vec<String> = keys.iter().map(|key| format!("\"{key}\"")).collect();
-        let quoted: Vec<&str> = quoted.iter().map(String::as_str).collect();
-        place_of(MARKER_A, self.text, &quoted).wrong(format!("{} {what}", keys.join(".")))
+        place_of(MARKER_A, self.text, &quoted)
+    }
+
+    /// The error at a key.
+    fn wrong(&self, keys: &[&str], what: &str) -> ImportError {
+        self.place(keys).wrong(format!("{} {what}", keys.join(".")))
     }
 
     fn missing(&self, key: &str, why: &str) -> ImportError {
@@ -176,9 +183,7 @@ impl Check<'_> {
 
     fn board(&self, json: &SessionJson, given: Option<&Board>) -> Result<Board, ImportError> {
         if let Some(board) = given {
-            return data_set::check_board(board)
-                .map(|()| board.clone())
-                .map_err(|why| self.missing("usable board", &format!(": --board: {why}")));
+            return data_set::given_board(board);
         }
         let Some(board) = &json.board else { return Err(self.missing("board", "; add it or give --board")) };
         data_set::check_board(board).map_err(|why| self.wrong(&["board"], &format!("cannot be: {why}")))?;

@@ -115,13 +115,13 @@ pub(super) fn io_error(file: &str, why: &std::io::Error) -> ImportError {
 }
 
 /// Where a key is in a text: each of `keys` is searched after the one before, as written in the file.
-pub(super) fn place_of(file: &str, text: &str, keys: &[&str]) -> Place {
+pub(super) fn place_of<S: AsRef<str>>(file: &str, text: &str, keys: &[S]) -> Place {
     let mut at = 0;
-    for key in keys {
+    for key in keys.iter().map(AsRef::as_ref) {
         let Some(found) = text.get(at..).and_then(|rest| rest.find(key)) else { return Place::file(file) };
         at += found + key.len();
     }
-    let start = at - keys.last().map_or(0, |key| key.len());
+    let start = at - keys.last().map_or(0, |key| key.as_ref().len());
     let before = text.get(..start).unwrap_or_default();
     let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
     let column = 1 + before.get(line_start..).unwrap_or_default().chars().count() as u64;

@@ -7,6 +7,7 @@ use super::source::Source;
 #[derive(Debug)]
 pub(super) struct Table {
     file: &'static str,
+    header_line: u64,
     header: Vec<String>,
     rows: Vec<(u64, Vec<String>)>,
 }
@@ -29,13 +30,12 @@ impl Table {
     ) -> Result<Self, ImportError> {
         let text = source.text(file)?;
         let mut rows = split(file, &text)?.into_iter();
-        let Some((line, header)) = rows.next() else {
+        let Some((header_line, header)) = rows.next() else {
             let what = format!("is empty; the first line must name the columns {}", required.join(", "));
             return Err(Place::file(file).wrong(what));
         };
-        let place = Place::line(file, line);
-        let table = Self { file, header, rows: rows.collect() };
-        table.check_header(&place, required)?;
+        let table = Self { file, header_line, header, rows: rows.collect() };
+        table.check_header(required)?;
         table.check_shape()?;
         let known = |column: &&String| required.contains(&column.as_str()) || optional.contains(&column.as_str());
         let unknown: Vec<String> = table.header.iter().filter(|column| !known(column)).cloned().collect();
@@ -43,7 +43,13 @@ impl Table {
         Ok(table)
     }
 
-    fn check_header(&self, place: &Place, required: &[&str]) -> Result<(), ImportError> {
+    /// Where the names of the columns are.
+    pub(super) fn header_place(&self) -> Place {
+        Place::line(self.file, self.header_line)
+    }
+
+    fn check_header(&self, required: &[&str]) -> Result<(), ImportError> {
+        let place = self.header_place();
         for (index, column) in self.header.iter().enumerate() {
             if self.header.iter().take(index).any(|earlier| earlier == column) {
                 return Err(place.wrong(format!("column {column} is there twice; remove one")));

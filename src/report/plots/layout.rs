@@ -13,6 +13,8 @@ const WIDTH: f64 = 470.0;
 const HEIGHT: f64 = 440.0;
 const LEFT: f64 = 50.0;
 const TOP: f64 = 30.0;
+/// Radius of the dot of a pose.
+const DOT: f64 = 3.0;
 const RIGHT: f64 = WIDTH - 12.0;
 const BOTTOM: f64 = HEIGHT - 40.0;
 
@@ -54,12 +56,12 @@ pub(super) fn draw(result: &CalibrationResult) -> Option<Figure> {
     let top = View { axes: [0, 1], middle, largest };
     let side = View { axes: [sideways, 2], middle, largest };
     let caption = format!(
-        "Cell in base, mm, from above and from the side; each dot is the {} at one pose, the thin line leads to its TCP. \
-         Shaded: what the reference camera sees, up to the target.",
-        scene.carried
+        "Cell in base, mm, from above and from the side; each dot is the {} at one pose, the thin line leads to its TCP.{}",
+        scene.carried,
+        if scene.sight.is_some() { " Shaded: what the reference camera sees, up to the target." } else { "" }
     );
-    let seen_from = if sideways == 0 { "Side (along y)" } else { "Side (along x)" };
-    let drawings = vec![top.draw(&scene, "Top (along z)"), side.draw(&scene, seen_from)];
+    let seen_from = if sideways == 0 { "Side: x right, z up" } else { "Side: y right, z up" };
+    let drawings = vec![top.draw(&scene, "Top: x right, y up"), side.draw(&scene, seen_from)];
     Some(Figure { caption, drawings, wide: false })
 }
 
@@ -168,13 +170,9 @@ impl View {
             svg.line("arm", self.at(stop.tcp), self.at(stop.carried));
         }
         for stop in &scene.stops {
-            let class = match stop.kind {
-                PoseKind::Intrinsics => "stop-intrinsics",
-                PoseKind::HandEye => "stop-hand-eye",
-                PoseKind::Distance => "stop-distance",
-            };
-            svg.circle(class, self.at(stop.carried), 3.5, &stop.hint);
+            svg.circle(stop_class(stop.kind), self.at(stop.carried), DOT, &stop.hint);
         }
+        Self::legend(&mut svg, scene);
         self.fixed(&mut svg, scene);
         svg.finish(title)
     }
@@ -198,8 +196,8 @@ impl View {
     fn grid(&self, svg: &mut Svg) {
         let [x, y] = self.scales();
         // The same step on both axes: squares of the grid are squares of the cell.
-        let wanted = ((x.high - x.low) / round_step(self.largest / 5.0)).round().max(1.0) as usize;
-        let (across, up) = (x.ticks(wanted), y.ticks(wanted));
+        let step = round_step(self.largest / 7.0);
+        let (across, up) = (x.every(step), y.every(step));
         let in_mm = |ticks: &[f64]| ticks.iter().map(|t| t * 1e3).collect::<Vec<_>>();
         for tick in &across {
             svg.line(if *tick == 0.0 { "zero" } else { "grid" }, [x.at(*tick), TOP], [x.at(*tick), BOTTOM]);
@@ -215,19 +213,34 @@ impl View {
         svg.turned("axis", [12.0, (TOP + BOTTOM) / 2.0], Anchor::Middle, -90.0, &format!("{upward}, mm"));
     }
 
-    /// What stands still, each with its name; names of neighbours are set apart.
+    /// Names the dots; room is kept for wide fonts.
+    fn legend(svg: &mut Svg, scene: &Scene) {
+        let mut x = RIGHT;
+        for (kind, room) in [(PoseKind::Distance, 64.0), (PoseKind::HandEye, 72.0), (PoseKind::Intrinsics, 82.0)] {
+            if scene.stops.iter().any(|s| s.kind == kind) {
+                x -= room;
+                svg.circle(stop_class(kind), [x, TOP - 14.0], DOT, "");
+                svg.text("tick", [x + 8.0, TOP - 10.0], Anchor::Start, kind_name(kind));
+            }
+        }
+    }
+
+    /// What stands still, each with its name: the first to the right of its mark, the next to the left.
     fn fixed(&self, svg: &mut Svg, scene: &Scene) {
-        let mut names: Vec<[f64; 2]> = Vec::new();
-        for (name, place) in &scene.fixed {
+        for (i, (name, place)) in scene.fixed.iter().enumerate() {
             let [x, y] = self.at(*place);
             svg.rect(if name == "base" { "base" } else { "camera" }, [x - 4.0, y - 4.0], [8.0, 8.0], name);
-            let (anchor, side) = if x > RIGHT - 60.0 { (Anchor::End, -8.0) } else { (Anchor::Start, 8.0) };
-            let mut label = [x + side, y + 4.0];
-            while names.iter().any(|n| (n[0] - label[0]).abs() < 50.0 && (n[1] - label[1]).abs() < 13.0) {
-                label[1] += 13.0;
-            }
-            names.push(label);
-            svg.text("label", label, anchor, name);
+            let to_left = i % 2 == 1 || x > RIGHT - 60.0;
+            let (anchor, side) = if to_left { (Anchor::End, -8.0) } else { (Anchor::Start, 8.0) };
+            svg.text("label", [x + side, y - 6.0], anchor, name);
         }
+    }
+}
+
+fn stop_class(kind: PoseKind) -> &'static str {
+    match kind {
+        PoseKind::Intrinsics => "stop-intrinsics",
+        PoseKind::HandEye => "stop-hand-eye",
+        PoseKind::Distance => "stop-distance",
     }
 }

@@ -67,7 +67,11 @@ impl Svg {
         };
         let text = escape(text);
         self.shape(&[x, y, degrees], |v| {
-            let turn = if degrees == 0.0 { String::new() } else { format!(r#" transform="rotate({} {} {})""#, v[2], v[0], v[1]) };
+            let turn = if degrees == 0.0 {
+                String::new()
+            } else {
+                format!(r#" transform="rotate({} {} {})""#, v[2], v[0], v[1])
+            };
             format!(r#"<text class="{class}" x="{}" y="{}" text-anchor="{anchor}"{turn}>{text}</text>"#, v[0], v[1])
         });
     }
@@ -120,7 +124,11 @@ impl Scale {
 
     /// Round values from low to high, about `wanted` of them.
     pub(super) fn ticks(&self, wanted: usize) -> Vec<f64> {
-        let step = round_step((self.high - self.low) / wanted.max(1) as f64);
+        self.every(round_step((self.high - self.low) / wanted.max(1) as f64))
+    }
+
+    /// The multiples of `step` from low to high; none where there would be more than a hundred.
+    pub(super) fn every(&self, step: f64) -> Vec<f64> {
         let (first, last) = ((self.low / step).ceil(), (self.high / step).floor());
         let steps = if (0.0..=100.0).contains(&(last - first)) { (last - first) as usize } else { return Vec::new() };
         (0..=steps).map(|i| (first + i as f64) * step).collect()

@@ -27,6 +27,8 @@ struct Errors {
     points: Vec<Point>,
     /// Value in mm and name of each line.
     gates: Vec<(f64, String)>,
+    /// Mean of the errors, mm, where it is not zero by definition.
+    mean_mm: Option<f64>,
 }
 
 /// Draws whichever of the two target checks there is.
@@ -41,10 +43,14 @@ pub(super) fn draw(result: &CalibrationResult) -> Option<Figure> {
     let mut svg = Svg::new(WIDTH, HEIGHT);
     axis(&mut svg, &y);
     gates(&mut svg, &y, &errors.gates);
+    if let Some(mean_mm) = errors.mean_mm {
+        svg.line("mean", [LEFT, y.at(mean_mm)], [WIDTH, y.at(mean_mm)]);
+    }
     points(&mut svg, &y, &errors.points);
     let caption = format!(
-        "Target check: error at every pose, mm, {}. Filled: poses of the hand-eye fit; bar beside it: the same pose measured \
-         without itself. Hollow: poses held out of the fit. Dashed: gates.",
+        "Target check: error at every pose, mm, {}. Filled: poses of the hand-eye fit; bar: the same pose measured with the answer \
+         of all others. Hollow: poses held out of the fit. Dotted: mean of all. Dashed: gate on \
+         the error of a pose.",
         errors.against
     );
     Some(Figure { drawings: vec![svg.finish(&caption)], caption, wide: true })
@@ -53,7 +59,11 @@ pub(super) fn draw(result: &CalibrationResult) -> Option<Figure> {
 fn to_tcp(result: &CalibrationResult) -> Option<Errors> {
     let check = result.checks.target_to_tcp.as_ref()?;
     let reference_m = check.truth_m.unwrap_or(check.mean_m);
-    let against = if check.truth_m.is_some() { "against the mechanical distance" } else { "against the mean (no truth is known)" };
+    let against = if check.truth_m.is_some() {
+        "against the mechanical distance"
+    } else {
+        "against the mean (no truth is known)"
+    };
     let points = check.per_pose.iter().map(|p| Point {
         pose_id: p.pose_id.clone(),
         error_mm: (p.distance_m - reference_m) * 1e3,
@@ -62,15 +72,13 @@ fn to_tcp(result: &CalibrationResult) -> Option<Errors> {
     });
     let gates = result.provenance.gates.as_ref().map(gate_lines).unwrap_or_default();
     let gates = if check.truth_m.is_some() { gates } else { Vec::new() };
-    Some(Errors { against, points: points.collect(), gates })
+    Some(Errors { against, points: points.collect(), gates, mean_mm: check.bias_m.map(|b| b * 1e3) })
 }
 
+/// The gate on the largest error, on both sides of zero; those on mean and sigma are not about single poses.
 fn gate_lines(gates: &Gates) -> Vec<(f64, String)> {
-    let both = |name: &str, limit_m: Option<f64>| {
-        let lines = |m: f64| [1.0, -1.0].map(|sign| (sign * m * 1e3, format!("gate {name} {} mm", signed_mm(sign * m))));
-        limit_m.map(lines).into_iter().flatten().collect::<Vec<_>>()
-    };
-    [both("max", gates.target_to_tcp_max_m), both("bias", gates.target_to_tcp_bias_m)].concat()
+    let line = |m: f64| (m * 1e3, format!("gate {} mm", signed_mm(m)));
+    gates.target_to_tcp_max_m.into_iter().flat_map(|m| [line(m), line(-m)]).collect()
 }
 
 fn in_base(result: &CalibrationResult) -> Option<Errors> {
@@ -81,7 +89,7 @@ fn in_base(result: &CalibrationResult) -> Option<Errors> {
         left_out_mm: None,
         held_out: p.held_out,
     });
-    Some(Errors { against: "distance from the mean place", points: points.collect(), gates: Vec::new() })
+    Some(Errors { against: "distance from the mean place", points: points.collect(), gates: Vec::new(), mean_mm: None })
 }
 
 fn axis(svg: &mut Svg, y: &Scale) {
@@ -111,7 +119,7 @@ fn points(svg: &mut Svg, y: &Scale, points: &[Point]) {
         let x = LEFT + (i as f64 + 0.5) * step;
         let at = y.at(point.error_mm);
         svg.line("stem", [x, y.at(0.0)], [x, at]);
-        let without = point.left_out_mm.map_or_else(String::new, |v| format!(", without itself {} mm", mm(v / 1e3)));
+        let without = point.left_out_mm.map_or_else(String::new, |v| format!(", leave-one-out {} mm", mm(v / 1e3)));
         if let Some(left_out_mm) = point.left_out_mm {
             let reach = radius + 2.5;
             svg.line("without", [x - reach, y.at(left_out_mm)], [x + reach, y.at(left_out_mm)]);

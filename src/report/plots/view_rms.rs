@@ -35,8 +35,8 @@ pub(super) fn draw(result: &CalibrationResult) -> Option<Figure> {
     ids(&mut svg, &result.poses, step, bottom);
     let limit = result.provenance.settings.reject_view_above_px;
     let caption = format!(
-        "Reprojection error of every view, px (root of the mean squared distance over its corners). Outlined: views left out \
-         of the camera's solve. Cross: no usable view. Dashed: limit of a view, {limit} px. Bars cut off at the top carry \
+        "Reprojection error of every view, px (root of the mean squared distance over its corners). Outlined: views rejected \
+         from the camera's solve. Cross: no usable view. Dashed: limit of a view, {limit} px. Bars cut off at the top carry \
          their value."
     );
     Some(Figure { drawings: vec![svg.finish(&caption)], caption, wide: true })
@@ -92,9 +92,10 @@ fn bar(svg: &mut Svg, pose: &PoseResult, camera: Camera, y: &Scale, [left, step]
     let seen = pose.cameras.get(&camera);
     let used = seen.is_some_and(|c| c.used);
     let corners = seen.map_or(0, |c| c.corners);
-    let class = format!("{camera}{}", if used { "" } else { " left-out" });
+    let class = format!("{camera}{}", if used { "" } else { " rejected" });
     let shown = rms.min(y.high);
-    let hint = format!("{}: {} px over {corners} corners{}", pose.pose_id, px(rms), if used { "" } else { ", left out" });
+    let hint =
+        format!("{}: {} px over {corners} corners{}", pose.pose_id, px(rms), if used { "" } else { ", rejected" });
     let top = y.at(shown);
     svg.rect(&class, [middle - width / 2.0, top], [width, y.from - top], &hint);
     if rms > y.high {

@@ -11,7 +11,7 @@ use crate::geometry::Camera;
 pub(super) fn cameras(result: &CalibrationResult) -> Section {
     let missing: Vec<String> = Camera::BOTH
         .into_iter()
-        .filter_map(|c| result.not_computed.get(&format!("cameras.{c}")).map(|why| format!("{c}: {why}")))
+        .filter_map(|c| Some(named(c, result.not_computed.get(&format!("cameras.{c}"))?)))
         .collect();
     if result.cameras.is_empty() {
         let why = if missing.is_empty() { "no camera was solved".into() } else { missing.join("; ") };
@@ -22,16 +22,22 @@ pub(super) fn cameras(result: &CalibrationResult) -> Section {
     blocks.push(Block::Facts(vec![fact("intrinsics", result.provenance.intrinsics.clone())]));
     blocks.push(Block::Note(
         "The rms is the root of the mean squared distance over all points of the views used, after views above \
-         the limit were left out. It says how well the model fits these corners; it does not see what all views share, \
+         the limit were rejected. It says how well the model fits these corners; it does not see what all views share, \
          such as a wrong square size."
             .into(),
     ));
     Section::new("Cameras", blocks)
 }
 
+/// Many reasons start with the camera's name already.
+fn named(camera: Camera, why: &str) -> String {
+    if why.starts_with(camera.name()) { why.to_owned() } else { format!("{camera}: {why}") }
+}
+
 fn table(result: &CalibrationResult) -> Table {
     let cameras: Vec<(&Camera, &CameraResult)> = result.cameras.iter().collect();
-    let titles: Vec<String> = std::iter::once("<".into()).chain(cameras.iter().map(|(c, _)| c.to_string())).collect();
+    let titles: Vec<String> =
+        std::iter::once("<camera".into()).chain(cameras.iter().map(|(c, _)| format!("<{c}"))).collect();
     let mut table = Table::new(&titles.iter().map(String::as_str).collect::<Vec<_>>());
     let mut row = |title: &str, value: &dyn Fn(&Camera, &CameraResult) -> String| {
         table.row(std::iter::once(title.to_owned()).chain(cameras.iter().map(|(name, c)| value(name, c))));
@@ -46,7 +52,9 @@ fn table(result: &CalibrationResult) -> Table {
     row("p1, p2", &|_, c| format!("{}, {}", fixed(c.distortion[2], 5), fixed(c.distortion[3], 5)));
     row("rms, px", &|_, c| px(c.rms_px));
     row("rms over", &|_, c| format!("{} in {}", count(c.points, "point"), count(c.views_used, "view")));
-    row("left out", &|_, c| format!("{} of {}", c.views_rejected, count(c.views_used + c.views_rejected, "view")));
+    row("views rejected", &|_, c| {
+        format!("{} of {}", c.views_rejected, count(c.views_used + c.views_rejected, "view"))
+    });
     gate_row(result, &mut row, "rms gate", Gated::CameraRms);
     row("corner rate, %", &|_, c| percent(c.corner_rate));
     gate_row(result, &mut row, "corner rate gate", Gated::CornerRate);
@@ -68,7 +76,8 @@ fn gate_row(result: &CalibrationResult, row: &mut AddRow<'_>, title: &str, gated
 pub(super) fn stereo(result: &CalibrationResult) -> Section {
     let title = "Stereo: the event camera before the frame camera";
     let Some(stereo) = &result.stereo else {
-        let otherwise = if result.cameras.len() < 2 { "the session has no pair of cameras" } else { "no pair was solved" };
+        let otherwise =
+            if result.cameras.len() < 2 { "the session has no pair of cameras" } else { "no pair was solved" };
         return Section::absent(title, why(result, "stereo", otherwise));
     };
     let mut table = Table::new(&["<event_from_rgb", "x", "y", "z"]);
@@ -86,7 +95,7 @@ pub(super) fn stereo(result: &CalibrationResult) -> Section {
 fn stereo_facts(result: &CalibrationResult, stereo: &StereoResult) -> Vec<(String, String)> {
     let pairs = stereo.pairs_used + stereo.pairs_rejected;
     let rms = format!(
-        "{} px over both cameras in {} of views, {} of {pairs} left out",
+        "{} px over both cameras in {} of views, {} of {pairs} rejected",
         px(stereo.rms_px),
         count(stereo.pairs_used, "pair"),
         stereo.pairs_rejected

@@ -40,7 +40,8 @@ fn target_to_tcp(result: &CalibrationResult, check: &TargetToTcp) -> Vec<Block> 
     let facts = vec![fact("largest errors", worst_distances(check))];
     let note = "Sees the whole chain of robot, camera, board and hand-eye, through sigma and the errors of single poses. \
                 Cannot see much in its mean: an error of 5 mm and 0.5 deg of the camera moved the mean by 0.03 mm, so sigma and \
-                max |error| count. Left out: each pose of the fit, measured with the answer of all others.";
+                max |error| count. Leave-one-out: each pose of the fit, measured with the answer of all others. Held out: poses \
+                that were never in the fit.";
     vec![
         Block::Heading(heading),
         Block::Table(target_table(result, check)),
@@ -61,7 +62,7 @@ fn target_table(result: &CalibrationResult, check: &TargetToTcp) -> Table {
         max_from_mean_m: check.max_from_mean_m,
     };
     let scores = [Some(&all), check.leave_one_out.as_ref(), check.held_out.as_ref()];
-    let mut table = Table::new(&["<quantity", "all poses", "left out", "held out", "<gate on all poses"]);
+    let mut table = Table::new(&["<quantity", "all poses", "leave-one-out", "held out", "<gate on all poses"]);
     let mut row = |title: &str, gate: String, value: &dyn Fn(&DistanceScore) -> Option<String>| {
         let values = scores.map(|s| s.and_then(value).unwrap_or_else(|| "-".into()));
         table.row(std::iter::once(title.to_owned()).chain(values).chain([gate]));
@@ -96,7 +97,7 @@ fn worst(mut errors: Vec<(&str, f64, bool)>, shown: fn(f64) -> String) -> String
 fn target_in_base(check: &TargetInBase) -> Vec<Block> {
     let all = PlaceScore { count: check.count, mean_m: check.mean_m, sigma_m: check.sigma_m, max_m: check.max_m };
     let scores = [Some(&all), check.leave_one_out.as_ref(), check.held_out.as_ref()];
-    let mut table = Table::new(&["<quantity", "all poses", "left out", "held out"]);
+    let mut table = Table::new(&["<quantity", "all poses", "leave-one-out", "held out"]);
     let mut row = |title: &str, value: &dyn Fn(&PlaceScore) -> Option<String>| {
         let values = scores.map(|s| s.and_then(value).unwrap_or_else(|| "-".into()));
         table.row(std::iter::once(title.to_owned()).chain(values));
@@ -110,7 +111,8 @@ fn target_in_base(check: &TargetInBase) -> Vec<Block> {
     let errors = check.per_pose.iter().map(|p| (p.pose_id.as_str(), p.error_m, p.held_out)).collect();
     let note = "Sees the whole chain of robot, camera, board and hand-eye, as scatter of a corner that stands still. Cannot \
                 see an error that moves the corner by the same at every pose, and has no mechanical truth to compare with. \
-                Left out: each pose of the fit, measured with the answer of all others.";
+                Leave-one-out: each pose of the fit, measured with the answer of all others. Held out: poses that were never in \
+                the fit.";
     vec![
         Block::Heading(format!("Place of corner {} in base, mm", check.corner_id)),
         Block::Table(table),

@@ -78,7 +78,8 @@ impl Gate {
 
     /// How much of the allowance is used up, in percent.
     fn used(&self) -> String {
-        let share = self.measured.map(|v| if self.gated.at_least() { (1.0 - v) / (1.0 - self.limit) } else { v / self.limit });
+        let share =
+            self.measured.map(|v| if self.gated.at_least() { (1.0 - v) / (1.0 - self.limit) } else { v / self.limit });
         share.filter(|s| s.is_finite()).map_or_else(|| "-".into(), |s| fixed(s * 100.0, 0))
     }
 }
@@ -89,11 +90,11 @@ pub(super) fn section(result: &CalibrationResult) -> Section {
     if gates.is_empty() {
         return Section::absent("Gates", "the session has no gates, so nothing could be judged");
     }
-    let mut table = Table::new(&["<quantity", "measured", "gate", "% used", "<state"]);
+    let mut table = Table::new(&["<state", "<quantity", "measured", "gate", "% used"]);
     for gate in &gates {
         let measured = gate.measured.map_or_else(|| "-".into(), |v| gate.gated.shown(v));
         let (state, tone) = gate.state();
-        table.toned(tone, [gate.gated.name(), measured, gate.limit_text(), gate.used(), state.into()]);
+        table.toned(tone, [state.into(), gate.gated.name(), measured, gate.limit_text(), gate.used()]);
     }
     Section::new("Gates", vec![Block::Table(table)])
 }
@@ -131,7 +132,8 @@ fn list(result: &CalibrationResult) -> Vec<Gate> {
         (Gated::PanelSpread, panel_spread_m),
     ];
     let all = rms.into_iter().chain([(Gated::StereoRms, stereo_rms_px)]).chain(rates).chain(others);
-    let gate = |(gated, limit): (Gated, Option<f64>)| Some(Gate { gated, limit: limit?, measured: measured(result, gated) });
+    let gate =
+        |(gated, limit): (Gated, Option<f64>)| Some(Gate { gated, limit: limit?, measured: measured(result, gated) });
     all.filter_map(gate).collect()
 }
 

@@ -4,9 +4,9 @@ use super::super::document::{Block, Plot, Section, Table, Tone};
 use super::super::numbers::{count, deg, fixed, mm, rotation_deg, signed_mm, translation_mm};
 use super::gates::{self, Gated};
 use super::{fact, why};
-use crate::calibration::hand_eye::HandEyeMethod;
+use crate::calibration::hand_eye::{HandEyeMethod, Uncertainty};
 use crate::calibration::observability::{Axis, MAX_CONDITION, MIN_ROTATION_RAD, MIN_SECOND_EIGENVALUE, Observability};
-use crate::calibration::result::{CalibrationResult, HandEyeResult, UncertaintyResult};
+use crate::calibration::result::{CalibrationResult, HandEyeResult};
 use crate::calibration::settings::PoseKind;
 use crate::geometry::{Camera, Transform};
 
@@ -32,20 +32,22 @@ pub(super) fn place(result: &CalibrationResult) -> Section {
         return Section::absent("Hand-eye", why(result, "hand_eye", "no robot poses enter this session"));
     };
     let camera = hand_eye.reference_camera;
-    let mut blocks = Vec::new();
-    if let Some(base_from_camera) = &hand_eye.base_from_camera {
-        let name = format!("base_from_{camera}");
-        blocks.extend(transforms(hand_eye, &name, base_from_camera, "tcp_from_target", hand_eye.tcp_from_target.as_ref()));
-    } else if let Some(tcp_from_camera) = &hand_eye.tcp_from_camera {
-        let name = format!("tcp_from_{camera}");
-        blocks.extend(transforms(hand_eye, &name, tcp_from_camera, "base_from_target", hand_eye.base_from_target.as_ref()));
-    }
+    let sigma = hand_eye.uncertainty.as_ref();
+    let mut blocks: Vec<Block> = [
+        hand_eye.base_from_camera.map(|t| transform(&format!("base_from_{camera}"), &t, sigma)),
+        hand_eye.tcp_from_camera.map(|t| transform(&format!("tcp_from_{camera}"), &t, sigma)),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
     blocks.push(Block::Facts(facts(result, hand_eye)));
     blocks.push(Block::Note(
         "The sigma is what changes when poses are left out. It does not see what all poses share: a wrong square size, \
          wrong intrinsics, a robot whose kinematics are off."
             .into(),
     ));
+    blocks.extend(hand_eye.tcp_from_target.map(|t| transform("tcp_from_target", &t, None)));
+    blocks.extend(hand_eye.base_from_target.map(|t| transform("base_from_target", &t, None)));
     blocks.push(Block::Plot(Plot::Layout));
     Section::new(title(hand_eye), blocks)
 }
@@ -61,41 +63,30 @@ fn title(hand_eye: &HandEyeResult) -> String {
     }
 }
 
-fn transforms<A, B, C, D>(
-    hand_eye: &HandEyeResult,
-    camera_name: &str,
-    camera: &Transform<A, B>,
-    target_name: &str,
-    target: Option<&Transform<C, D>>,
-) -> Vec<Block> {
-    let sigma = hand_eye.uncertainty.as_ref().map(|u| &u.jackknife);
-    let mut table = Table::new(&["<", "x", "y", "z"]);
-    let titled = |title: String, values: [String; 3]| std::iter::once(title).chain(values);
-    table.row(titled(format!("{camera_name}: translation, mm"), translation_mm(camera)));
+/// A table of a transform, with its sigma where there is one.
+fn transform<A, B>(name: &str, transform: &Transform<A, B>, sigma: Option<&Uncertainty>) -> Block {
+    let mut table = Table::new(&[&format!("<{name}"), "x", "y", "z"]);
+    let mut row = |title: &str, values: [String; 3]| table.row(std::iter::once(title.to_owned()).chain(values));
+    row("translation, mm", translation_mm(transform));
     if let Some(sigma) = sigma {
-        table.row(titled("± sigma, mm".into(), sigma.translation_sigma_m.map(|s| format!("± {}", mm(s)))));
+        row("± sigma, mm", sigma.translation_sigma_m.map(|s| format!("± {}", mm(s))));
     }
-    table.row(titled(format!("{camera_name}: rotation vector, deg"), rotation_deg(camera)));
+    row("rotation vector, deg", rotation_deg(transform));
     if let Some(sigma) = sigma {
-        let all = format!("± {}", deg(sigma.rotation_sigma_rad));
-        table.row(titled("± sigma, deg, all axes together".into(), [all, String::new(), String::new()]));
+        row("± sigma, deg, all axes", [format!("± {}", deg(sigma.rotation_sigma_rad)), String::new(), String::new()]);
     }
-    if let Some(target) = target {
-        table.toned(Tone::Quiet, titled(format!("{target_name}: translation, mm"), translation_mm(target)));
-        table.toned(Tone::Quiet, titled(format!("{target_name}: rotation vector, deg"), rotation_deg(target)));
-    }
-    vec![Block::Table(table)]
+    Block::Table(table)
 }
 
 fn facts(result: &CalibrationResult, hand_eye: &HandEyeResult) -> Vec<(String, String)> {
     let wanted = result.poses.iter().filter(|p| p.kind == PoseKind::HandEye).count();
-    let left_out = wanted.saturating_sub(hand_eye.poses_used);
+    let rejected = wanted.saturating_sub(hand_eye.poses_used);
     let poses = count(hand_eye.poses_used, "pose");
     let mut facts = vec![
         fact("method", method_name(hand_eye.method)),
         fact(
             "scatter of target",
-            format!("rms {} mm over {poses}, {left_out} of {wanted} left out", mm(hand_eye.scatter_rms_m)),
+            format!("rms {} mm over {poses}, {rejected} of {wanted} rejected", mm(hand_eye.scatter_rms_m)),
         ),
     ];
     match &hand_eye.uncertainty {
@@ -105,16 +96,16 @@ fn facts(result: &CalibrationResult, hand_eye: &HandEyeResult) -> Vec<(String, S
     facts
 }
 
-fn influence(uncertainty: &UncertaintyResult) -> Vec<(String, String)> {
-    let UncertaintyResult { jackknife, culprit_pose } = uncertainty;
-    let (culprit, influential) = (&jackknife.culprit, &jackknife.most_influential);
+fn influence(uncertainty: &Uncertainty) -> Vec<(String, String)> {
+    let Uncertainty { poses, scatter_m, culprit, most_influential: influential, .. } = uncertainty;
     vec![
-        fact("uncertainty", format!("jackknife: {} left out one at a time", count(jackknife.poses, "pose"))),
+        fact("uncertainty", format!("jackknife: {} left out one at a time", count(*poses, "pose"))),
         fact(
             "worst pose",
             format!(
-                "{culprit_pose}: without it the scatter goes from {} to {} mm and the camera moves {} mm, {} deg",
-                mm(jackknife.scatter_m),
+                "{}: without it the scatter goes from {} to {} mm and the camera moves {} mm, {} deg",
+                culprit.pose_id,
+                mm(*scatter_m),
                 mm(culprit.scatter_without_m),
                 mm(culprit.translation_change_m),
                 deg(culprit.rotation_change_rad)
@@ -144,10 +135,12 @@ pub(in crate::report) struct PanelRow {
 
 /// The panel against the chosen answer; solvers whose entry is no transform are missing.
 pub(in crate::report) fn panel_rows(hand_eye: &HandEyeResult) -> Vec<PanelRow> {
-    let rows = hand_eye.panel.iter().filter_map(|(method, value)| match (&hand_eye.base_from_camera, &hand_eye.tcp_from_camera) {
-        (Some(chosen), _) => Some(panel_row(*method, chosen, &serde_json::from_value(value.clone()).ok()?)),
-        (None, Some(chosen)) => Some(panel_row(*method, chosen, &serde_json::from_value(value.clone()).ok()?)),
-        (None, None) => None,
+    let rows = hand_eye.panel.iter().filter_map(|(method, value)| {
+        match (&hand_eye.base_from_camera, &hand_eye.tcp_from_camera) {
+            (Some(chosen), _) => Some(panel_row(*method, chosen, &serde_json::from_value(value.clone()).ok()?)),
+            (None, Some(chosen)) => Some(panel_row(*method, chosen, &serde_json::from_value(value.clone()).ok()?)),
+            (None, None) => None,
+        }
     });
     rows.collect()
 }
@@ -164,7 +157,7 @@ pub(super) fn panel(result: &CalibrationResult) -> Section {
         return Section::absent("Solver panel", "there is no hand-eye result");
     };
     let chosen = method_name(hand_eye.method);
-    let mut table = Table::new(&["<solver", "dx mm", "dy mm", "dz mm", "distance mm", "angle deg", "<"]);
+    let mut table = Table::new(&["<solver", "dx mm", "dy mm", "dz mm", "distance mm", "angle deg", "<note"]);
     for row in panel_rows(hand_eye) {
         let [x, y, z] = row.difference_m.map(signed_mm);
         let note = if row.method == hand_eye.method { "the result" } else { "" };
@@ -178,10 +171,14 @@ pub(super) fn panel(result: &CalibrationResult) -> Section {
     }
     let spread = hand_eye.panel_spread_m.map_or_else(
         || "absent: fewer than two solvers found an answer".to_owned(),
-        |s| format!("{} mm between the two solvers farthest apart {}", mm(s), gates::text(result, Gated::PanelSpread)),
+        |s| {
+            let gate = Some(gates::text(result, Gated::PanelSpread)).filter(|g| !g.is_empty());
+            let gate = gate.map_or_else(String::new, |g| format!("; gate {g}"));
+            format!("{} mm between the two solvers farthest apart{gate}", mm(s))
+        },
     );
     let blocks = vec![
-        Block::Text(format!("What each solver found for the camera, against {chosen}, over the same poses.")),
+        Block::Text(format!("What each solver found for the camera, against {chosen}, over the same {}.", count(hand_eye.poses_used, "pose"))),
         Block::Table(table),
         Block::Facts(vec![fact("spread", spread)]),
         Block::Note(

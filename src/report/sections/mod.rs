@@ -46,6 +46,9 @@ fn verdict(result: &CalibrationResult) -> Verdict {
     let (word, tone, meaning) = match result.verdict.status {
         Status::Pass => ("PASS", Tone::Good, "Every gate of the cell was judged and kept."),
         Status::Fail => ("FAIL", Tone::Bad, "At least one gate was missed: do not use this calibration."),
+        Status::Inconclusive if result.provenance.gates.is_none() => {
+            ("INCONCLUSIVE", Tone::Alert, "There were no gates, so nothing could be judged.")
+        }
         Status::Inconclusive => {
             ("INCONCLUSIVE", Tone::Alert, "No gate was missed, but not everything that must hold could be judged.")
         }

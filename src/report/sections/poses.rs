@@ -28,15 +28,15 @@ pub(super) fn section(result: &CalibrationResult) -> Section {
         .into_iter()
         .map(str::to_owned)
         .chain(cameras.iter().flat_map(|c| [format!("{c} n"), format!("{c} px")]))
-        .chain(["mm".into(), "<reason".into()])
+        .chain(["scatter".into(), "<reason".into()])
         .collect();
     let mut table = Table::new(&titles.iter().map(String::as_str).collect::<Vec<_>>());
     for pose in &result.poses {
         table.toned(tone(pose), cells(pose, &cameras));
     }
     let legend = format!(
-        "n: corners found of {}. px: rms over those corners; in brackets where the view was left out. mm: distance of the \
-         target from its mean place, for poses of the hand-eye fit.",
+        "n: corners found of {}. px: rms over those corners; in brackets where the view was rejected. scatter: distance of \
+         the target from its mean place, mm, for poses of the hand-eye fit.",
         corner_count(&result.provenance.board)
     );
     Section::new(

@@ -1,5 +1,7 @@
 //! Timing, stillness, and where the result comes from.
 
+use std::collections::BTreeMap;
+
 use serde_json::Value;
 
 use super::super::document::{Block, Section};
@@ -90,6 +92,8 @@ pub(super) fn section(result: &CalibrationResult) -> Section {
 /// Every setting by its name in the cell file, so that a new one is shown without a change here.
 fn settings_text(settings: Value) -> String {
     let Value::Object(fields) = settings else { return "not readable".into() };
+    // Sorted here, because the order of a JSON object depends on how the JSON library was built.
+    let fields: BTreeMap<String, Value> = fields.into_iter().collect();
     let shown = |(name, value): (&String, &Value)| match value {
         Value::String(text) => format!("{name} {text}"),
         Value::Null => format!("{name} not set"),

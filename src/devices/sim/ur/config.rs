@@ -30,7 +30,8 @@ impl Ports {
 }
 
 /// How the arm differs from its ideal; ranges are smallest and largest value.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Flaws {
     /// Lengths by which the calibrated model differs from the nominal one, up to, m.
     pub individual_m: f64,

@@ -125,7 +125,9 @@ impl Inputs {
     pub(super) fn speed_slider(&self) -> Option<f64> {
         let value = |name: &str| self.find(name).and_then(|i| self.value(i));
         match (value("speed_slider_mask"), value("speed_slider_fraction")) {
-            (Some(Value::Uint32(1)), Some(Value::Double(fraction))) if (0.0..=1.0).contains(&fraction) => Some(fraction),
+            (Some(Value::Uint32(1)), Some(Value::Double(fraction))) if (0.0..=1.0).contains(&fraction) => {
+                Some(fraction)
+            }
             _ => None,
         }
     }

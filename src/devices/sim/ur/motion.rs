@@ -341,7 +341,7 @@ impl Motion {
         let twist = self.arm.jacobian(&self.target) * nalgebra::Vector6::from(shape);
         let moved_m = twist.fixed_rows::<3>(0).norm();
         let length = largest(&shape);
-        if !(length > 0.0) {
+        if length <= 0.0 {
             return [0.0; 6];
         }
         // Turning the last joint hardly moves the flange: never more than 1 mrad for that.

@@ -93,9 +93,7 @@ const SIMULATED: [(&str, DataType, Getter); 24] = [
     ("target_qd", DataType::Vector6d, |b, _| Value::Vector6d(b.motion.target_speed())),
     ("actual_q", DataType::Vector6d, |_, s| Value::Vector6d(s.actual_q)),
     ("actual_qd", DataType::Vector6d, |_, s| Value::Vector6d(s.actual_qd)),
-    ("actual_TCP_pose", DataType::Vector6d, |b, s| {
-        Value::Vector6d(b.motion.base_from_tcp(&s.actual_q).pose_vector())
-    }),
+    ("actual_TCP_pose", DataType::Vector6d, |b, s| Value::Vector6d(b.motion.base_from_tcp(&s.actual_q).pose_vector())),
     ("target_TCP_pose", DataType::Vector6d, |b, _| {
         Value::Vector6d(b.motion.base_from_tcp(&b.motion.target()).pose_vector())
     }),

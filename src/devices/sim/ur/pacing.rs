@@ -46,7 +46,11 @@ impl Pacer {
             return Due::Ticks(1);
         }
         let due = (lag_s / cycle_s).floor();
-        if due >= 1.0 { Due::Ticks(due as u64) } else { Due::At(now + Duration::from_secs_f64(cycle_s - lag_s.max(0.0))) }
+        if due >= 1.0 {
+            Due::Ticks(due as u64)
+        } else {
+            Due::At(now + Duration::from_secs_f64(cycle_s - lag_s.max(0.0)))
+        }
     }
 }
 

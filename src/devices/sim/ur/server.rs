@@ -338,7 +338,6 @@ impl Server {
                 break;
             }
         }
-        self.send_texts();
     }
 
     fn tick(&mut self) {
@@ -347,8 +346,14 @@ impl Server {
         if late {
             self.stop_program();
         }
-        let mut body = self.body.borrow_mut();
-        body.tick_drives();
+        self.body.borrow_mut().tick_drives();
+        self.send_texts();
+        self.report();
+    }
+
+    /// Sets clock and truth, and sends what is due in this cycle.
+    fn report(&mut self) {
+        let body = self.body.borrow();
         self.truth.push(body.now_s(), body.motion.true_joints());
         self.clock.set_ns(body.now_ns());
         let body = &*body;

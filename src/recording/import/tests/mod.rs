@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use super::*;
 use crate::events::{Encoder, Event, Format, Header, Trigger};
 use crate::recording::{Entry, EventPacket, Recording};
-use crate::session::Captured;
+use crate::session::{Captured, Input};
 
 pub(super) const WIDTH: u32 = 8;
 pub(super) const HEIGHT: u32 = 6;
@@ -75,22 +75,22 @@ impl Fixture {
         self.dir.path().join("out/session.mcap")
     }
 
-    fn write(&self, name: &str, text: &str) {
-        self.write_bytes(name, text.as_bytes());
+    fn write(&self, name: &str, text: &str) -> &Self {
+        self.write_bytes(name, text.as_bytes())
     }
 
-    fn write_bytes(&self, name: &str, bytes: &[u8]) {
+    fn write_bytes(&self, name: &str, bytes: &[u8]) -> &Self {
         let path = self.folder().join(name);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, bytes).unwrap();
+        self
     }
 
     /// Replaces the one place of `from` in a text file.
     fn replace(&self, name: &str, from: &str, to: &str) -> &Self {
         let text = fs::read_to_string(self.folder().join(name)).unwrap();
         assert_eq!(text.matches(from).count(), 1, "`{from}` in {name}");
-        self.write(name, &text.replace(from, to));
-        self
+        self.write(name, &text.replace(from, to))
     }
 
     fn remove(&self, name: &str) -> &Self {
@@ -188,14 +188,16 @@ fn raw(format: Format, events: i64) -> (Vec<u8>, Vec<Trigger>) {
 }
 
 fn packets(recording: &Recording) -> Vec<&EventPacket> {
-    let packet = |entry| if let &Entry::Events(ref packet) = entry { Some(packet) } else { None };
-    recording.entries.iter().filter_map(packet).collect()
+    let entries = recording.entries.iter();
+    entries.filter_map(|entry| if let Entry::Events(packet) = entry { Some(packet) } else { None }).collect()
 }
 
 fn captures(recording: &Recording) -> Vec<(f64, &Captured)> {
-    let capture = |entry| match entry {
-        &Entry::Input(at, crate::session::Input::Captured(ref captured)) => Some((at.seconds(), captured)),
-        _ => None,
-    };
-    recording.entries.iter().filter_map(capture).collect()
+    let mut captures = Vec::new();
+    for entry in &recording.entries {
+        if let Entry::Input(at, Input::Captured(captured)) = entry {
+            captures.push((at.seconds(), captured));
+        }
+    }
+    captures
 }

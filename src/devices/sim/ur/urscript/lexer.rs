@@ -20,9 +20,8 @@ pub(super) struct Token {
 }
 
 /// Longest first where one begins another.
-const SIGNS: [&str; 20] = [
-    "==", "!=", "<=", ">=", "<", ">", "=", "+", "-", "*", "/", "%", "(", ")", "[", "]", ",", ":", ";", ".",
-];
+const SIGNS: [&str; 20] =
+    ["==", "!=", "<=", ">=", "<", ">", "=", "+", "-", "*", "/", "%", "(", ")", "[", "]", ",", ":", ";", "."];
 
 /// The tokens of a text and an [`Word::End`]; an error says what and in which line.
 pub(super) fn tokens(text: &str) -> Result<Vec<Token>, String> {

@@ -8,6 +8,9 @@ use super::lexer::{self, Token, Word};
 /// Blocks and brackets inside each other; deeper text is refused rather than overflowing the stack.
 const MAX_DEPTH: usize = 50;
 
+/// Operators or indices in one chain, which nest as deep when they are evaluated.
+const MAX_CHAIN: usize = 50;
+
 const KEYWORDS: [&str; 19] = [
     "def", "end", "if", "elif", "else", "while", "return", "break", "continue", "pass", "halt", "global", "local",
     "and", "or", "xor", "not", "True", "False",
@@ -115,6 +118,15 @@ impl Parser {
         let parsed = parse(self);
         self.depth -= 1;
         parsed
+    }
+
+    fn link(&self, chain: &mut usize) -> Result<(), String> {
+        *chain += 1;
+        if *chain <= MAX_CHAIN {
+            Ok(())
+        } else {
+            Err(self.unexpected(&format!("at most {MAX_CHAIN} operators in a row")))
+        }
     }
 
     /// Statements up to one of the closing words, which is left.
@@ -232,8 +244,10 @@ impl Parser {
     fn binary(&mut self, level: usize) -> Result<Expr, String> {
         let Some(operators) = LEVELS.get(level) else { return self.deeper(Self::unary) };
         let mut left = self.binary(level + 1)?;
+        let mut chain = 0;
         while let Some((text, operator)) = operators.iter().find(|(text, _)| self.is(text)) {
             self.need(text)?;
+            self.link(&mut chain)?;
             let right = self.binary(level + 1)?;
             left = Expr::Binary(*operator, Box::new(left), Box::new(right));
         }
@@ -249,8 +263,10 @@ impl Parser {
             return Ok(Expr::Unary(Unary::Not, Box::new(self.deeper(|p| p.binary(2))?)));
         }
         let mut value = self.primary()?;
+        let mut chain = 0;
         while self.is("[") && !self.token().opens_line {
             self.need("[")?;
+            self.link(&mut chain)?;
             let index = self.expr()?;
             self.need("]")?;
             value = Expr::Index(Box::new(value), Box::new(index));

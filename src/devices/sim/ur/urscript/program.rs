@@ -31,23 +31,28 @@ pub(in super::super) enum Slice {
 
 /// A program that runs.
 pub(in super::super) struct Program {
-    coroutine: Pin<Box<dyn Future<Output = Result<(), Halt>>>>,
+    /// `None` after its end.
+    coroutine: Option<Running<'static, ()>>,
 }
 
 impl Program {
     /// Reads a program text; the error says what is wrong and in which line.
     pub(in super::super) fn new(text: &str, body: Rc<RefCell<Body>>) -> Result<Self, String> {
         let main = parser::program(text)?;
-        let coroutine = Box::pin(async move { Machine::new(body).run(&main).await });
-        Ok(Self { coroutine })
+        let coroutine: Running<'static, ()> = Box::pin(async move { Machine::new(body).run(&main).await });
+        Ok(Self { coroutine: Some(coroutine) })
     }
 
     /// Runs until the program waits for the next cycle.
     pub(in super::super) fn resume(&mut self) -> Slice {
-        match self.coroutine.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
-            Poll::Pending => Slice::Running,
-            Poll::Ready(Ok(()) | Err(Halt::Asked)) => Slice::Ended,
-            Poll::Ready(Err(Halt::Fault(why))) => Slice::Failed(why),
+        let Some(coroutine) = &mut self.coroutine else { return Slice::Ended };
+        let Poll::Ready(end) = coroutine.as_mut().poll(&mut Context::from_waker(Waker::noop())) else {
+            return Slice::Running;
+        };
+        self.coroutine = None;
+        match end {
+            Ok(()) | Err(Halt::Asked) => Slice::Ended,
+            Err(Halt::Fault(why)) => Slice::Failed(why),
         }
     }
 }
@@ -302,6 +307,8 @@ fn at_line(halt: Halt, line: usize) -> Halt {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
     use crate::devices::sim::ur::config::{Flaws, Individual, SimUrConfig};
 
@@ -325,12 +332,10 @@ mod tests {
         (5000, Slice::Running)
     }
 
-    fn register_0(text: &str) -> f64 {
-        let body = body();
-        let (_, end) = run(text, &body);
+    fn register_0(body: &Rc<RefCell<Body>>, text: &str) -> f64 {
+        let (_, end) = run(text, body);
         assert_eq!(end, Slice::Ended, "{text}");
-        let found = body.borrow().output_double[0];
-        found
+        body.borrow().output_double[0]
     }
 
     #[test]
@@ -342,13 +347,19 @@ mod tests {
             ("global x =\n 4\n y = -x\n write_output_float_register(0, y)", -4.0),
             ("i = 0 while (i < 10): i = i + 1 if i == 7: break end end write_output_float_register(0, i)", 7.0),
             ("p1 = p[1, 2, 2, 0, 0, 0] write_output_float_register(0, norm(p1))", 3.0),
-            ("x = 3\n if x > 5:\n y = 1\n elif not x == 3:\n y = 2\n else:\n y = 3\n end\n write_output_float_register(0, y)", 3.0),
+            (
+                "x = 3\n if x > 5:\n y = 1\n elif not x == 3:\n y = 2\n else:\n y = 3\n end\n write_output_float_register(0, y)",
+                3.0,
+            ),
             ("x = False and undefined or True # comment \"\n if x: write_output_float_register(0, 1.5e-1) end", 0.15),
             ("def f():\n x = 5\n end\n x = 1\n f()\n write_output_float_register(0, x)", 5.0),
             ("def f():\n local x = 5\n end\n x = 1\n f()\n write_output_float_register(0, x)", 1.0),
-            ("def f(n):\n if n < 2: return 1 end\n return n * f(n - 1)\n end\n write_output_float_register(0, f(5))", 120.0),
+            (
+                "def f(n):\n if n < 2: return 1 end\n return n * f(n - 1)\n end\n write_output_float_register(0, f(5))",
+                120.0,
+            ),
         ] {
-            assert_eq!(register_0(&format!("def prog():\n{statements}\nend\n")), known, "{statements}");
+            assert_eq!(register_0(&body(), &format!("def prog():\n{statements}\nend\n")), known, "{statements}");
         }
     }
 
@@ -375,9 +386,28 @@ mod tests {
             let (_, end) = run(text, &body());
             assert!(matches!(&end, Slice::Failed(found) if found.contains(why)), "{text}: {end:?}, not {why}");
         }
-        let deep = format!("x = {}1{}", "(".repeat(5000), ")".repeat(5000));
-        assert!(matches!(run(&deep, &body()).1, Slice::Failed(_)));
+        let brackets = format!("x = {}1{}", "(".repeat(5000), ")".repeat(5000));
+        for deep in [brackets, format!("x = 1{}", "+1".repeat(200_000)), "if True: ".repeat(5000), "-".repeat(5000)] {
+            assert!(matches!(run(&deep, &body()).1, Slice::Failed(_)));
+        }
     }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 1000, failure_persistence: None, ..ProptestConfig::default() })]
+        #[test]
+        fn no_text_panics(picks in prop::collection::vec(0..WORDS.len(), 0..60)) {
+            let text: String = picks.iter().map(|i| WORDS[*i]).collect();
+            if let Ok(mut program) = Program::new(&text, body()) {
+                (0..3).for_each(|_| drop(program.resume()));
+            }
+        }
+    }
+
+    const WORDS: [&str; 40] = [
+        "def ", "f", "(", ")", ":", "end ", "\n", "if ", "elif ", "else:", "while ", "return ", "x", " = ", "1", "2.5",
+        "\"s\"", "[", "]", ",", "p[", "+", "-", "*", "/ ", "% ", "not ", "and ", "or ", "==", "<", "True ", "global ",
+        "sync()", "movej(", "norm(", "sleep(", "#", "é", ".",
+    ];
 
     #[test]
     fn moves_block_until_the_arm_is_there() {

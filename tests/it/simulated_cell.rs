@@ -1,0 +1,1 @@
+//! The main job on the simulated cell, end to end.
