@@ -10,7 +10,6 @@ pub mod geometry;
 pub mod image;
 pub mod plan;
 pub mod recording;
-#[path = "/tmp/reportstub.rs"]
 pub mod report;
 pub mod runner;
 pub mod session;

@@ -50,7 +50,7 @@ pub(super) fn cell(file: CellFile, findings: &mut Findings<'_>) -> Cell {
     }
 }
 
-fn metres(millimetres: f64) -> f64 {
+pub(super) fn metres(millimetres: f64) -> f64 {
     millimetres / 1e3
 }
 

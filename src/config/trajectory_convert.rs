@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::cell_convert::check_name;
+use super::cell_convert::{check_name, metres};
 use super::error::Findings;
 use super::pose::{position_m, rotvec_in_rad};
 use super::trajectory::{BoardView, Pair, Pattern, Ring, Segment, Start, Stop, Trajectory};
@@ -166,10 +166,6 @@ impl Convert<'_, '_> {
             }
         }
     }
-}
-
-fn metres(millimetres: f64) -> f64 {
-    millimetres / 1e3
 }
 
 fn ring(file: RingFile) -> Ring {

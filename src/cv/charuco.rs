@@ -8,8 +8,15 @@ use super::{CvError, mat};
 use crate::board::{Board, Corner, DICTIONARIES, View};
 use crate::image::GrayImage;
 
-/// Half width of the window in which a corner is refined, pixels.
-const REFINE_HALF_WINDOW_PX: i32 = 5;
+/// Half width of the window in which a corner of a frame is refined, pixels.
+const FRAME_HALF_WINDOW_PX: i32 = 5;
+/// The same in an event image as a share of a square's side: just short of the markers, which begin at 0.1.
+///
+/// Pixels next to an edge see too little change to fire, so black squares shrink by about 2 px and the
+/// crossing is an empty gap: a window of 5 px sees hardly anything else.
+const EVENT_HALF_WINDOW_SQUARES: f64 = 0.1;
+/// Share of a marker cell at each border that is not looked at in an event image, for the same reason.
+const EVENT_CELL_MARGIN: f64 = 0.33;
 /// Nearest two marker candidates, as a share of their perimeter.
 ///
 /// With OpenCV's 0.05 a marker of 0.8 of its square is dropped for the outline of the white square around
@@ -40,15 +47,28 @@ pub fn draw(board: &Board, px_per_square: u32) -> Result<GrayImage, CvError> {
     mat::to_gray(&image)
 }
 
+/// What kind of image is looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Look {
+    /// An image of a frame camera.
+    Frame,
+    /// Pixels that fired, dark on light.
+    Events,
+}
+
 /// Finds the board's inner corners; an empty view where there are none.
 ///
 /// Markers without refinement, corners by interpolation between markers, then our own sub-pixel
 /// refinement and an outlier step: as good as OpenCV 4.14, and free of the bias of 4.6.
-pub fn find_corners(board: &Board, image: &GrayImage) -> Result<View, CvError> {
+pub fn find_corners(board: &Board, image: &GrayImage, look: Look) -> Result<View, CvError> {
     let image = mat::from_gray(image)?;
     let mut parameters = aruco::DetectorParameters::create()?;
     parameters.set_corner_refinement_method(aruco::CornerRefineMethod::CORNER_REFINE_NONE as i32);
     parameters.set_min_marker_distance_rate(MIN_MARKER_DISTANCE_RATE);
+    if look == Look::Events {
+        parameters.set_perspective_remove_ignored_margin_per_cell(EVENT_CELL_MARGIN);
+        parameters.set_perspective_remove_pixel_per_cell(8);
+    }
     let (mut markers, mut marker_ids) = (Vector::<Vector<Point2f>>::new(), Vector::<i32>::new());
     let mut rejected = Vector::<Vector<Point2f>>::new();
     let dictionary = dictionary(&board.dictionary)?;
@@ -62,11 +82,16 @@ pub fn find_corners(board: &Board, image: &GrayImage) -> Result<View, CvError> {
     if corners.is_empty() {
         return Ok(View::default());
     }
-    let half = Size::new(REFINE_HALF_WINDOW_PX, REFINE_HALF_WINDOW_PX);
+    let corner = |(id, p): (i32, Point2f)| Corner { id: id as u32, px: [f64::from(p.x), f64::from(p.y)] };
+    let view = |corners: &Vector<Point2f>| View::new(ids.iter().zip(corners.iter()).map(corner).collect());
+    let half_px = match look {
+        Look::Frame => FRAME_HALF_WINDOW_PX,
+        Look::Events => (EVENT_HALF_WINDOW_SQUARES * square_px(board, &view(&corners))).clamp(5.0, 15.0) as i32,
+    };
+    let half = Size::new(half_px, half_px);
     let stop = TermCriteria::new(3, 50, 1e-4)?;
     imgproc::corner_sub_pix(&image, &mut corners, half, Size::new(-1, -1), stop)?;
-    let corner = |(id, p): (i32, Point2f)| Corner { id: id as u32, px: [f64::from(p.x), f64::from(p.y)] };
-    without_outliers(board, &View::new(ids.iter().zip(corners.iter()).map(corner).collect()))
+    without_outliers(board, &view(&corners))
 }
 
 /// Median filter over 3x3 pixels.
@@ -144,7 +169,7 @@ mod tests {
 
     #[test]
     fn every_corner_of_a_drawn_board_is_found_where_it_was_drawn() {
-        let view = find_corners(&board(), &drawn(50)).unwrap();
+        let view = find_corners(&board(), &drawn(50), Look::Frame).unwrap();
         assert_eq!(view.corners.len(), 24, "{:?}", view.corners);
         for corner in &view.corners {
             // A square border lies between two pixels: half a pixel before the first pixel of the next square.
@@ -157,9 +182,9 @@ mod tests {
 
     #[test]
     fn an_empty_image_has_no_corners_and_a_wrong_dictionary_is_named() {
-        assert!(find_corners(&board(), &GrayImage::filled(200, 200, 128)).unwrap().corners.is_empty());
+        assert!(find_corners(&board(), &GrayImage::filled(200, 200, 128), Look::Frame).unwrap().corners.is_empty());
         let wrong = Board { dictionary: "DICT_9X9_1".into(), ..board() };
-        assert!(find_corners(&wrong, &drawn(10)).unwrap_err().to_string().contains("`DICT_9X9_1`"));
+        assert!(find_corners(&wrong, &drawn(10), Look::Frame).unwrap_err().to_string().contains("`DICT_9X9_1`"));
         let large = Board { squares_x: 20, squares_y: 20, ..board() };
         assert!(check_dictionary(&large).is_err());
     }

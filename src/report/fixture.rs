@@ -272,7 +272,7 @@ fn provenance() -> Provenance {
 }
 
 /// A session that fails one gate, with an outlier, a skipped pose, a solver that failed and a warning.
-pub(crate) fn session() -> CalibrationResult {
+pub(super) fn session() -> CalibrationResult {
     let mut noise = Noise(7);
     let poses = poses(&mut noise);
     let checks = ChecksResult {
@@ -318,7 +318,7 @@ pub(crate) fn session() -> CalibrationResult {
 }
 
 /// The same cell with the cameras on the arm, replayed with changed settings and without gates.
-pub(crate) fn carried_cameras() -> CalibrationResult {
+pub(super) fn carried_cameras() -> CalibrationResult {
     let mut result = session();
     let hand_eye = result.hand_eye.as_mut().unwrap();
     let tcp_from_camera = Transform::<Tcp, Sensor>::from_pose_vector([0.02, -0.06, 0.05, 0.1, 0.0, 1.5]);
@@ -353,7 +353,7 @@ pub(crate) fn carried_cameras() -> CalibrationResult {
 }
 
 /// Nothing but the reasons why there is nothing.
-pub(crate) fn nothing() -> CalibrationResult {
+pub(super) fn nothing() -> CalibrationResult {
     let mut result = session();
     result.verdict = Verdict { status: Status::Inconclusive, reasons: vec!["no gates".into()] };
     result.cameras.clear();

@@ -1,7 +1,7 @@
 //! A finished calibration for people: text for a terminal, one HTML page with plots.
 //!
-//! [`sections`] says what is told, in which order and in which words, as a [`document`]; [`terminal`] and
-//! [`html`] only set it, so that both tell the same. Order: verdict and gates, what was changed, warnings,
+//! `sections` says what is told, in which order and in which words, as a `document`; `terminal` and
+//! `html` only set it, so that both tell the same. Order: verdict and gates, what was changed, warnings,
 //! the camera's place with its uncertainty, the checks, the cameras, every pose, the panel of solvers,
 //! observability, timing, provenance. Same result, same bytes: no clock, no path, no random ids.
 //!
@@ -10,7 +10,7 @@
 
 mod document;
 #[cfg(test)]
-pub(crate) mod fixture;
+mod fixture;
 mod html;
 mod numbers;
 mod plots;

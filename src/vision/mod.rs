@@ -3,13 +3,15 @@
 //! Uses `board`, `cv`, `events`, `image`. Start at [`frame_view`] and [`event_view`].
 
 use crate::board::{Board, Corner, View};
-use crate::cv::{CvError, charuco};
+use crate::cv::{
+    CvError,
+    charuco::{self, Look},
+};
 use crate::image::GrayImage;
 
-/// The corners in an image of the frame camera; tried again on the negative where nothing is found.
+/// The corners in an image of the frame camera.
 pub fn frame_view(board: &Board, image: &GrayImage) -> Result<View, CvError> {
-    let view = charuco::find_corners(board, image)?;
-    if view.corners.is_empty() { charuco::find_corners(board, &image.inverted()) } else { Ok(view) }
+    or_negative(board, image, Look::Frame)
 }
 
 /// The corners in an event image by the paper's method: median 3x3, then as in a frame.
@@ -17,7 +19,13 @@ pub fn frame_view(board: &Board, image: &GrayImage) -> Result<View, CvError> {
 /// The image has pixels that fired dark on light, so it has the polarity of the board: white cells do
 /// not change and stay silent.
 pub fn event_view(board: &Board, image: &GrayImage) -> Result<View, CvError> {
-    frame_view(board, &charuco::median_3x3(image)?)
+    or_negative(board, &charuco::median_3x3(image)?, Look::Events)
+}
+
+/// Tries again on the negative where nothing is found.
+fn or_negative(board: &Board, image: &GrayImage, look: Look) -> Result<View, CvError> {
+    let view = charuco::find_corners(board, image, look)?;
+    if view.corners.is_empty() { charuco::find_corners(board, &image.inverted(), look) } else { Ok(view) }
 }
 
 /// One view of several images of the same pose: the mean of each corner that most of them show.

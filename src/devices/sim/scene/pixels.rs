@@ -62,7 +62,7 @@ impl EventSensor {
     /// All events from `from_s` to `to_s` of what was rendered, by time.
     pub(super) fn events(&self, seen: &Rendered, blink: &Blink, from_s: f64, to_s: f64) -> Vec<Event> {
         let window = Window { from_us: (from_s * 1e6).round() as i64, to_us: (to_s * 1e6).round() as i64 };
-        if window.from_us >= window.to_us {
+        if !(from_s.is_finite() && to_s.is_finite() && window.from_us < window.to_us) {
             return Vec::new();
         }
         let steps = self.steps(seen);

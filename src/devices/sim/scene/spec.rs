@@ -65,7 +65,7 @@ impl Default for DisplaySpec {
             off_axis_dimming: 1.0,
             leak_horizontal: 0.1,
             leak_vertical: 0.02,
-            leak_diagonal: 0.4,
+            leak_diagonal: 0.6,
             margin_squares: 0.5,
             bezel_squares: 1.0,
             bezel_cd_m2: 1.0,
@@ -139,7 +139,7 @@ pub struct FrameSpec {
 
 impl Default for FrameSpec {
     fn default() -> Self {
-        Self { white_dn: 200.0, electrons_per_dn: 9.0, read_noise_dn: 0.8, prnu: 0.006 }
+        Self { white_dn: 80.0, electrons_per_dn: 9.0, read_noise_dn: 0.8, prnu: 0.006 }
     }
 }
 
@@ -186,8 +186,8 @@ impl Default for EventSpec {
             threshold_on: 0.22,
             threshold_off: 0.28,
             threshold_mismatch: 0.065,
-            high_pass_gain: 0.13,
-            dark_cd_m2: 1.0,
+            high_pass_gain: 0.35,
+            dark_cd_m2: 8.0,
             latency_s: 150e-6,
             jitter_s: 75e-6,
             row_readout_s: 200e-6,
