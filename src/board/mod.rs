@@ -85,8 +85,9 @@ impl Board {
     pub fn corner(&self, id: u32) -> Option<Point<Target>> {
         let columns = self.squares_x - 1;
         let (row, column) = (id / columns, id % columns);
-        ((id as usize) < self.corner_count())
-            .then(|| Point::assume_frame([f64::from(column + 1) * self.square_m, f64::from(row + 1) * self.square_m, 0.0]))
+        ((id as usize) < self.corner_count()).then(|| {
+            Point::assume_frame([f64::from(column + 1) * self.square_m, f64::from(row + 1) * self.square_m, 0.0])
+        })
     }
 
     /// Outer size along x and y, metres.

@@ -42,7 +42,11 @@ pub struct SolvedArm<S> {
 /// Robot pose and board pose of every pose that has both, by index of the pose.
 ///
 /// A view that the camera's own solve left out is left out here too.
-pub fn pairs(problem: &Problem, camera: Camera, solved: &SolvedCamera) -> (BTreeMap<usize, Pair>, BTreeMap<usize, String>) {
+pub fn pairs(
+    problem: &Problem,
+    camera: Camera,
+    solved: &SolvedCamera,
+) -> (BTreeMap<usize, Pair>, BTreeMap<usize, String>) {
     let (mut found, mut missing) = (BTreeMap::new(), BTreeMap::new());
     for (index, pose) in problem.poses.iter().enumerate() {
         let (Some(base_from_tcp), Some(view)) = (pose.base_from_tcp, pose.views.get(&camera)) else { continue };
@@ -106,7 +110,8 @@ fn named(error: &str, ids: &[String]) -> String {
 
 /// The pair that lies farthest from where the others put it, if that is far.
 fn worst_outlier<S: Solution>(method: HandEyeMethod, used: &[(usize, Pair)]) -> Option<(usize, String)> {
-    let off_m: Vec<f64> = (0..used.len()).map(|i| distance_from_others_m::<S>(method, used, i)).collect::<Option<_>>()?;
+    let off_m: Vec<f64> =
+        (0..used.len()).map(|i| distance_from_others_m::<S>(method, used, i)).collect::<Option<_>>()?;
     let mut sorted = off_m.clone();
     sorted.sort_by(f64::total_cmp);
     let median_m = *sorted.get(sorted.len() / 2)?;

@@ -76,7 +76,8 @@ pub fn corner_rate(board: &Board, poses: &[PoseData], camera: Camera) -> Option<
 /// The error says in words what was missing.
 pub fn solve_camera(problem: &Problem, camera: Camera, setup: &CameraSetup) -> Result<SolvedCamera, String> {
     let (usable, mut fits) = sort_views(problem, camera);
-    let views = |indices: &[usize]| -> Vec<View> { indices.iter().map(|i| problem.poses[*i].views[&camera].clone()).collect() };
+    let views =
+        |indices: &[usize]| -> Vec<View> { indices.iter().map(|i| problem.poses[*i].views[&camera].clone()).collect() };
     let first = solve_views(&problem.board, &views(&usable), camera, setup)?;
     let limit = problem.settings.reject_view_above_px;
     let mut kept = Vec::new();
@@ -88,7 +89,8 @@ pub fn solve_camera(problem: &Problem, camera: Camera, setup: &CameraSetup) -> R
         }
         fits.insert(*index, ViewFit { rms_px: Some(*rms_px), rejected });
     }
-    let last = if kept.len() == usable.len() { first } else { solve_views(&problem.board, &views(&kept), camera, setup)? };
+    let last =
+        if kept.len() == usable.len() { first } else { solve_views(&problem.board, &views(&kept), camera, setup)? };
     let (mut sum, mut points) = (0.0, 0);
     for (index, rms_px) in kept.iter().zip(&last.rms_px) {
         let corners = problem.poses[*index].views[&camera].corners.len();
@@ -162,7 +164,8 @@ pub fn solve_stereo(problem: &Problem, cameras: &BTreeMap<Camera, SolvedCamera>)
     let all = pairs.len();
     let mut found = solve(&pairs)?;
     let limit = problem.settings.reject_view_above_px;
-    let kept: Vec<_> = pairs.into_iter().zip(&found.pair_rms_px).filter(|(_, rms)| **rms <= limit).map(|p| p.0).collect();
+    let kept: Vec<_> =
+        pairs.into_iter().zip(&found.pair_rms_px).filter(|(_, rms)| **rms <= limit).map(|p| p.0).collect();
     if kept.len() < 3 {
         return Err(format!("only {} of {all} pairs fit within {limit} px; at least 3 are needed", kept.len()));
     }

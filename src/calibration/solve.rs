@@ -39,7 +39,7 @@ pub fn solve(problem: &Problem, origin: Origin) -> CalibrationResult {
     let mut arm = if problem.robot_poses { Arm::solve(problem, &cameras, &mut not_computed) } else { Arm::default() };
     let poses = problem.poses.iter().enumerate().map(|(i, p)| pose_result(i, p, &cameras, &arm)).collect();
     let mut warnings = Vec::new();
-    warnings.extend(arm.warnings.drain(..));
+    warnings.append(&mut arm.warnings);
     let cameras = cameras.iter().map(|(c, s)| (*c, camera_result(problem, *c, s))).collect();
     let mut result = CalibrationResult {
         schema_version: SCHEMA_VERSION,
@@ -139,8 +139,12 @@ impl Arm {
         };
         let (pairs, missing) = arm::pairs(problem, camera, solved);
         let solution = match problem.carried {
-            Carried::Target => arm::solve::<EyeToHand>(problem, &pairs).map(|s| Self::to_hand(problem, camera, &pairs, s)),
-            Carried::Cameras => arm::solve::<EyeInHand>(problem, &pairs).map(|s| Self::in_hand(problem, camera, &pairs, s)),
+            Carried::Target => {
+                arm::solve::<EyeToHand>(problem, &pairs).map(|s| Self::to_hand(problem, camera, &pairs, s))
+            }
+            Carried::Cameras => {
+                arm::solve::<EyeInHand>(problem, &pairs).map(|s| Self::in_hand(problem, camera, &pairs, s))
+            }
         };
         match solution {
             Ok(mut arm) => {
@@ -149,8 +153,8 @@ impl Arm {
             }
             Err(why) => {
                 not_computed.insert("hand_eye".into(), why);
-                let mut checks = ChecksResult::default();
-                checks.base_distance = verify::distances_only(problem, &pairs);
+                let base_distance = verify::distances_only(problem, &pairs);
+                let checks = ChecksResult { base_distance, ..ChecksResult::default() };
                 Self { checks, rejected: missing, ..Self::default() }
             }
         }

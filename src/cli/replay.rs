@@ -121,7 +121,11 @@ fn write_results(solved: &Solved, json: &str, folder: &Path) -> anyhow::Result<(
     let result = folder.join("result.json");
     if let Ok(before) = std::fs::read_to_string(&result) {
         let same = before == json;
-        say(if same { "identical to the earlier result" } else { "note: differs from the earlier result, which is replaced" });
+        say(if same {
+            "identical to the earlier result"
+        } else {
+            "note: differs from the earlier result, which is replaced"
+        });
     }
     replace(&result, json.as_bytes())?;
     replace(&folder.join("views.json"), serde_json::to_string(&solved.views)?.as_bytes())?;

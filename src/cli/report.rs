@@ -31,7 +31,8 @@ impl Report {
             let bar = Bar::new("looking at images");
             solve_recording(&self.file, &mut |_| Ok(Vec::new()), None, &|done, total| bar.show(done, total))?.result
         } else {
-            let wrong = |e| anyhow::anyhow!("{name} is neither a session (MCAP) nor a result.json of this program: {e}");
+            let wrong =
+                |e| anyhow::anyhow!("{name} is neither a session (MCAP) nor a result.json of this program: {e}");
             serde_json::from_slice(&bytes).map_err(wrong)?
         };
         if let Some(path) = &self.html {

@@ -117,7 +117,10 @@ pub(super) fn load(cell: &Path) -> anyhow::Result<CellTexts> {
     for used in &parsed.trajectories {
         let path = folder.join(&used.file);
         let text = std::fs::read_to_string(&path).map_err(|why| {
-            UsageError(format!("{name}: trajectories: {}: {why}; the path is relative to the cell file", path.display()))
+            UsageError(format!(
+                "{name}: trajectories: {}: {why}; the path is relative to the cell file",
+                path.display()
+            ))
         })?;
         trajectories.push((path.display().to_string(), text));
     }
@@ -192,7 +195,9 @@ impl<'a> Steps<'a> {
         let id = |pose: usize| self.plan.poses.get(pose).map_or("?", |p| p.id.as_str());
         match command {
             Command::Move { .. } => {}
-            Command::Capture { pose, attempt: 0 } => say(&format!("[{:>3}/{total}] {} still, capturing", pose + 1, id(*pose))),
+            Command::Capture { pose, attempt: 0 } => {
+                say(&format!("[{:>3}/{total}] {} still, capturing", pose + 1, id(*pose)))
+            }
             Command::Capture { pose, attempt } => {
                 say(&format!("[{:>3}/{total}] {} still again, capture {}", pose + 1, id(*pose), attempt + 1));
             }

@@ -92,7 +92,9 @@ impl Png {
         let px = match self.pitch_mm {
             None => fits,
             Some(pitch) if pitch.is_finite() && pitch > 0.0 => (board.square_m * 1e3 / pitch).round() as u32,
-            Some(pitch) => return Err(UsageError(format!("--pitch-mm {pitch} is no pixel pitch; expected mm above 0")).into()),
+            Some(pitch) => {
+                return Err(UsageError(format!("--pitch-mm {pitch} is no pixel pitch; expected mm above 0")).into());
+            }
         };
         if px < 8 || px > fits {
             let (x, y) = (board.squares_x, board.squares_y);

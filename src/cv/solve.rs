@@ -201,7 +201,8 @@ mod tests {
 
     /// Boards that are tilted every way and cover the image.
     fn poses() -> Vec<Transform<Rgb, Target>> {
-        let centre = Transform::<Target, Target>::from_parts([-0.042, -0.03, 0.0], nalgebra::UnitQuaternion::identity());
+        let centre =
+            Transform::<Target, Target>::from_parts([-0.042, -0.03, 0.0], nalgebra::UnitQuaternion::identity());
         (0..16)
             .map(|i| {
                 let a = f64::from(i);

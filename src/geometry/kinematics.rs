@@ -87,7 +87,14 @@ impl Dh {
         theta_rad: [0.0; 6],
         a_m: [0.0, -0.425, -0.3922, 0.0, 0.0, 0.0],
         d_m: [0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996],
-        alpha_rad: [std::f64::consts::FRAC_PI_2, 0.0, 0.0, std::f64::consts::FRAC_PI_2, -std::f64::consts::FRAC_PI_2, 0.0],
+        alpha_rad: [
+            std::f64::consts::FRAC_PI_2,
+            0.0,
+            0.0,
+            std::f64::consts::FRAC_PI_2,
+            -std::f64::consts::FRAC_PI_2,
+            0.0,
+        ],
     };
 
     /// `base_from_flange` at these joint positions: the product of Rz(q + theta) Tz(d) Tx(a) Rx(alpha).
@@ -183,7 +190,11 @@ impl Arm {
     ///
     /// Damped least squares; the answer is the branch of the seed, within 1e-8 m and 1e-8 rad, and is
     /// not checked against the joint limits.
-    pub fn inverse(&self, base_from_flange: &Transform<Base, Flange>, seed_rad: &Joints) -> Result<Joints, Unreachable> {
+    pub fn inverse(
+        &self,
+        base_from_flange: &Transform<Base, Flange>,
+        seed_rad: &Joints,
+    ) -> Result<Joints, Unreachable> {
         let mut q = *seed_rad;
         let mut damping = 1e-6;
         let mut error = self.error_to(base_from_flange, &q);
@@ -206,7 +217,11 @@ impl Arm {
         }
         let (position_m, angle_rad) = (error.fixed_rows::<3>(0).norm(), error.fixed_rows::<3>(3).norm());
         let reached = position_m < 1e-8 && angle_rad < 1e-8;
-        if reached { Ok(q) } else { Err(Unreachable { position_mm: position_m * 1e3, angle_deg: angle_rad.to_degrees() }) }
+        if reached {
+            Ok(q)
+        } else {
+            Err(Unreachable { position_mm: position_m * 1e3, angle_deg: angle_rad.to_degrees() })
+        }
     }
 
     /// Distance (m) and rotation vector (rad) still missing to the target, in `base`.
@@ -262,8 +277,7 @@ fn revolute(joint: &urdf_rs::Joint, origin: Isometry3<f64>) -> Joint {
 mod tests {
     use super::*;
 
-    const POSES: [Joints; 3] =
-        [[0.0; 6], [0.3, -1.2, 1.4, -1.7, -1.5, 0.2], [-1.4, -1.9, 2.1, 0.4, 1.2, -2.9]];
+    const POSES: [Joints; 3] = [[0.0; 6], [0.3, -1.2, 1.4, -1.7, -1.5, 0.2], [-1.4, -1.9, 2.1, 0.4, 1.2, -2.9]];
 
     #[test]
     fn urdf_and_dh_agree() {

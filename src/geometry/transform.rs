@@ -212,7 +212,10 @@ impl<'de, To: Frame, From: Frame> Deserialize<'de> for Transform<To, From> {
         let stored = Stored::deserialize(d)?;
         if (stored.to.as_str(), stored.from.as_str()) != (To::NAME, From::NAME) {
             let (to, from) = (To::NAME, From::NAME);
-            return Err(D::Error::custom(format!("expected {to}_from_{from}, found {}_from_{}", stored.to, stored.from)));
+            return Err(D::Error::custom(format!(
+                "expected {to}_from_{from}, found {}_from_{}",
+                stored.to, stored.from
+            )));
         }
         let [x, y, z, w] = stored.quaternion_xyzw;
         let q = Quaternion::new(w, x, y, z);

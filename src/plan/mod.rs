@@ -1,12 +1,13 @@
 //! Before any motion: every pose of a session, with reach, limits, keep-out boxes, view and duration checked.
 //!
-//! Pure: no files, no clock. Uses `geometry`, `board`, `config`, and of `session` the word [`MoveTarget`] alone.
+//! Pure: no files, no clock. Uses `geometry`, `board` and `config`.
 //! Start at [`expand`].
 
 mod motion;
 mod reach;
 mod sight;
 mod stops;
+mod target;
 #[cfg(test)]
 mod tests;
 
@@ -17,7 +18,8 @@ use crate::geometry::{
     Base, Camera, Tcp, Transform,
     kinematics::{Arm, Joints, Unreachable},
 };
-use crate::session::MoveTarget;
+
+pub use target::MoveTarget;
 
 use stops::Stop;
 

@@ -1,5 +1,6 @@
 //! The way to a pose: sampled for keep-out boxes, slowed to the caps, timed.
 
+use super::MoveTarget;
 use super::Refusal;
 use super::reach::{base_from_flange, base_from_tcp, distance_rad, joints_at, limits_rad, within};
 use super::stops::Goal;
@@ -8,7 +9,6 @@ use crate::geometry::{
     Base, Point, Target, Tcp, Transform,
     kinematics::{Arm, Joints},
 };
-use crate::session::MoveTarget;
 
 /// One move, with the joint positions on the way.
 pub(super) struct Leg {

@@ -75,7 +75,9 @@ fn places(cell: &Cell, segment: &Segment) -> Vec<Place> {
                     Start::Tcp(base_from_tcp) => *base_from_tcp,
                 };
                 let end = moved_in_base(&start, pair.displacement_m);
-                [("a", Motion::Joint, start), ("b", motion, end)].map(|(letter, motion, goal)| Place {
+                // Both poses go to the controller as TCP poses where the move is linear: its own calibrated
+                // kinematics then makes the displacement, not our nominal model of the arm.
+                [("a", start), ("b", end)].map(|(letter, goal)| Place {
                     id: Some(format!("{}-{letter}", pair.name)),
                     pair: Some(PairRef { name: pair.name.clone(), truth_m: pair.truth_m() }),
                     motion,

@@ -38,7 +38,9 @@ pub enum RecordingError {
         why: mcap::McapError,
     },
     /// Not an MCAP file.
-    #[error("{path} is not an MCAP file: it begins with {found}; give a session written by `cellcal run` or `cellcal import`")]
+    #[error(
+        "{path} is not an MCAP file: it begins with {found}; give a session written by `cellcal run` or `cellcal import`"
+    )]
     NotMcap {
         /// The file.
         path: PathBuf,
@@ -46,7 +48,9 @@ pub enum RecordingError {
         found: String,
     },
     /// An MCAP file of something else.
-    #[error("{path} is an MCAP file, but not a cellcal session (library `{library}`, {messages} messages); import it first")]
+    #[error(
+        "{path} is an MCAP file, but not a cellcal session (library `{library}`, {messages} messages); import it first"
+    )]
     Foreign {
         /// The file.
         path: PathBuf,

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use foxglove::Decode as _;
 use foxglove::messages::CompressedImage;
 
+use super::RecordingError;
 use super::cdr::EventPacket;
 use super::scan::{self, Scan};
 use super::setup::{About, FORMAT_VERSION, ImportSetup};
-use super::RecordingError;
 use crate::session::{Command, Input, Stamp};
 
 /// Topics of a session.
@@ -114,7 +114,9 @@ fn entry(message: &scan::Message) -> Result<Option<Entry>, String> {
             let input = serde_json::from_slice(&message.data).map_err(|e| e.to_string())?;
             Ok(Some(Entry::Input(at, input)))
         }
-        topics::COMMANDS => serde_json::from_slice(&message.data).map(|c| Some(Entry::Command(c))).map_err(|e| e.to_string()),
+        topics::COMMANDS => {
+            serde_json::from_slice(&message.data).map(|c| Some(Entry::Command(c))).map_err(|e| e.to_string())
+        }
         topics::IMAGES => {
             let image = CompressedImage::decode(message.data.as_slice()).map_err(|e| e.to_string())?;
             Ok(Some(Entry::Image(image.data.to_vec())))

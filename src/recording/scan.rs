@@ -93,7 +93,9 @@ impl Scan {
         let mut kept = 0;
         while let Some((head, rest)) = data.split_at_checked(9) {
             let length = head[1..].iter().rev().fold(0_u64, |sum, b| sum << 8 | u64::from(*b));
-            let Some((body, after)) = usize::try_from(length).ok().and_then(|n| rest.split_at_checked(n)) else { break };
+            let Some((body, after)) = usize::try_from(length).ok().and_then(|n| rest.split_at_checked(n)) else {
+                break;
+            };
             let Ok(record) = mcap::parse_record(head[0], body) else { break };
             self.take(record, topics);
             (data, kept) = (after, kept + 1);

@@ -54,6 +54,9 @@ pub struct Live<'a> {
     packets: u64,
 }
 
+/// Images and raw events of one capture.
+type Delivered = (Vec<FrameImage>, Vec<RawEvents>);
+
 struct Capture {
     pose: usize,
     attempt: u32,
@@ -73,7 +76,18 @@ impl<'a> Live<'a> {
         let (images_per_pose, image_period_s) = timing;
         let (capture, pending) = (None, VecDeque::new());
         let (heartbeat_due, packets) = (false, 0);
-        Self { devices, writer, images_per_pose, image_period_s, interrupted, progress, capture, pending, heartbeat_due, packets }
+        Self {
+            devices,
+            writer,
+            images_per_pose,
+            image_period_s,
+            interrupted,
+            progress,
+            capture,
+            pending,
+            heartbeat_due,
+            packets,
+        }
     }
 
     /// Closes the recording and gives it its final name.
@@ -110,7 +124,7 @@ impl<'a> Live<'a> {
         }
     }
 
-    fn try_capture(&mut self, capture: &mut Capture) -> Result<Option<(Vec<FrameImage>, Vec<RawEvents>)>, CameraError> {
+    fn try_capture(&mut self, capture: &mut Capture) -> Result<Option<Delivered>, CameraError> {
         let now = self.devices.clock.now();
         let waited_s = now.seconds() - capture.began.seconds();
         if let Some(frame) = &mut self.devices.frame {
@@ -130,7 +144,12 @@ impl<'a> Live<'a> {
         Ok(Some((capture.frames.take().unwrap_or_default(), packets)))
     }
 
-    fn deliver(&mut self, capture: &Capture, frames: Vec<FrameImage>, packets: Vec<RawEvents>) -> Result<(), LiveError> {
+    fn deliver(
+        &mut self,
+        capture: &Capture,
+        frames: Vec<FrameImage>,
+        packets: Vec<RawEvents>,
+    ) -> Result<(), LiveError> {
         let mut exposures = Vec::new();
         for FrameImage { exposure, image } in &frames {
             self.writer.image(Stamp::from_seconds(exposure.start_s), &codec::encode_png(image)?, "png")?;
@@ -166,7 +185,7 @@ impl<'a> Live<'a> {
         match self.devices.robot.next_sample() {
             Ok((at, sample)) => {
                 self.heartbeat_due = true;
-                (at, Input::Robot(sample))
+                (at, Input::Robot(Box::new(sample)))
             }
             Err(error) => (self.devices.clock.now(), Input::RobotLost { why: error.to_string() }),
         }

@@ -22,18 +22,18 @@ use crate::vision;
 
 /// What the cameras saw, pose by pose.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Seen {
+pub(crate) struct Seen {
     /// One map for each pose; a camera without an image at a pose is absent.
-    pub views: Vec<BTreeMap<Camera, View>>,
+    pub(super) views: Vec<BTreeMap<Camera, View>>,
     /// How events and exposures were brought together, where there are both.
-    pub timing: Option<SeenTiming>,
+    pub(super) timing: Option<SeenTiming>,
     /// Images and windows that could not be used, in words.
-    pub problems: Vec<String>,
+    pub(super) problems: Vec<String>,
 }
 
 /// The part of the timing that the result shows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct SeenTiming {
+pub(crate) struct SeenTiming {
     offset_s: f64,
     drift_ppm: f64,
     residual_rms_s: f64,
@@ -127,7 +127,12 @@ fn shots<'a>(recording: &'a Recording, outcome: &Outcome) -> Vec<Shot<'a>> {
     shots
 }
 
-fn frame_views(shots: &[Shot<'_>], setup: &Setup, counter: &Counter<'_>, problems: &mut Vec<String>) -> Vec<(usize, View)> {
+fn frame_views(
+    shots: &[Shot<'_>],
+    setup: &Setup,
+    counter: &Counter<'_>,
+    problems: &mut Vec<String>,
+) -> Vec<(usize, View)> {
     let Some(camera) = setup.cameras.get(&Camera::Rgb) else { return Vec::new() };
     let wanted: Vec<_> = shots.iter().filter_map(|s| Some((s.pose?, s.image?))).collect();
     let look = |(pose, bytes): &(usize, &[u8])| -> Result<(usize, View), String> {
@@ -234,7 +239,7 @@ fn event_views(
     windows: &[(usize, Window)],
     counter: &Counter<'_>,
 ) -> Vec<(usize, View)> {
-    let look = |batch: Vec<(usize, GrayImage)>| -> Vec<(usize, View)> {
+    let look = |batch: Batch| -> Vec<(usize, View)> {
         let one = |(pose, image): &(usize, GrayImage)| {
             let view = vision::event_view(&setup.board, image).unwrap_or_default();
             counter.step();
@@ -258,14 +263,17 @@ fn event_views(
 /// Images detected at once: enough for every core, few enough for the memory.
 const BATCH: usize = 8;
 
+/// Event images with the pose that each observes.
+type Batch = Vec<(usize, GrayImage)>;
+
 /// Accumulates the events of each window into an image.
 struct Windows<'a> {
     windows: &'a [(usize, Window)],
     next: usize,
     image: LastPolarity,
-    batch: Vec<(usize, GrayImage)>,
+    batch: Batch,
     views: Vec<(usize, View)>,
-    look: &'a dyn Fn(Vec<(usize, GrayImage)>) -> Vec<(usize, View)>,
+    look: &'a dyn Fn(Batch) -> Vec<(usize, View)>,
 }
 
 impl Windows<'_> {

@@ -38,9 +38,20 @@ pub struct Live {
 
 #[derive(Debug)]
 enum State {
-    Preflight { seen: usize },
-    Moving { pose: usize, since: Option<Stamp>, arrived: Option<Stamp>, attempt: u32 },
-    Capturing { pose: usize, attempt: u32, decided: Stamp },
+    Preflight {
+        seen: usize,
+    },
+    Moving {
+        pose: usize,
+        since: Option<Stamp>,
+        arrived: Option<Stamp>,
+        attempt: u32,
+    },
+    Capturing {
+        pose: usize,
+        attempt: u32,
+        decided: Stamp,
+    },
     /// The last command was given; its end is recorded.
     Done(End),
 }
@@ -245,7 +256,7 @@ mod tests {
                 sample.target_joint_speeds_rad_s = [0.3; 6];
             }
             spoil(at_s, &mut sample);
-            let mut inputs = vec![Input::Robot(sample)];
+            let mut inputs = vec![Input::Robot(Box::new(sample))];
             if due.as_ref().is_some_and(|(when, _)| at_s >= *when) {
                 inputs.extend(due.take().map(|(_, captured)| Input::Captured(captured)));
             }
@@ -314,7 +325,8 @@ mod tests {
         let mut live = session(1);
         let undisturbed = walk(&mut session(1), |_, _| ());
         let shake_at = undisturbed[1].0 + 0.06;
-        let commands = walk(&mut live, |at, s| s.joint_speeds_rad_s[2] = if (at - shake_at).abs() < 0.005 { 0.02 } else { 0.0 });
+        let commands =
+            walk(&mut live, |at, s| s.joint_speeds_rad_s[2] = if (at - shake_at).abs() < 0.005 { 0.02 } else { 0.0 });
         let captures = commands.iter().filter(|(_, c)| matches!(c, Command::Capture { .. })).count();
         assert_eq!(captures, 2, "{commands:?}");
         let outcome = live.into_outcome();

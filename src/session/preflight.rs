@@ -90,7 +90,10 @@ pub(super) fn findings(sample: &RobotSample, expected: &Expected) -> Vec<Finding
 pub(super) fn may_move(sample: &RobotSample, allow_reduced: bool) -> Result<(), (&'static str, String)> {
     let bit = |bits: u32, n: u32| bits >> n & 1 == 1;
     if sample.robot_mode != 7 {
-        return Err(("robot_mode", format!("the robot mode is {}, not 7 (RUNNING)", robot_mode_name(sample.robot_mode))));
+        return Err((
+            "robot_mode",
+            format!("the robot mode is {}, not 7 (RUNNING)", robot_mode_name(sample.robot_mode)),
+        ));
     }
     let safe = sample.safety_mode == 1 || (sample.safety_mode == 2 && allow_reduced);
     if !safe {

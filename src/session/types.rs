@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Base, Tcp, Transform, kinematics::Joints};
+pub use crate::plan::MoveTarget;
 
 /// Time since the session began, nanoseconds of the session's clock.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -86,36 +87,12 @@ pub enum ExecutorState {
     Refused,
 }
 
-/// Where a move goes and how fast.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "move", rename_all = "snake_case")]
-pub enum MoveTarget {
-    /// Joint-space move (`movej`).
-    Joint {
-        /// Target joint positions, rad.
-        joints_rad: Joints,
-        /// Speed of the leading joint, rad/s.
-        speed_rad_s: f64,
-        /// Acceleration of the leading joint, rad/s2.
-        acceleration_rad_s2: f64,
-    },
-    /// Straight line of the TCP (`movel`).
-    Linear {
-        /// Target `base_from_tcp`: x, y, z (m) and axis-angle vector (rad).
-        tcp_pose: [f64; 6],
-        /// Speed, m/s.
-        speed_m_s: f64,
-        /// Acceleration, m/s2.
-        acceleration_m_s2: f64,
-    },
-}
-
 /// Something that happened, stamped since the session began. Exactly what is logged.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "input", rename_all = "snake_case")]
 pub enum Input {
     /// The robot reported its state.
-    Robot(RobotSample),
+    Robot(Box<RobotSample>),
     /// The robot has been silent or broke the protocol.
     RobotLost {
         /// What was seen, in words.

@@ -18,17 +18,18 @@ fn the_real_arm_is_calibrated_as_by_others() {
 
     let within = |pointer: &str, reference: f64, tolerance: f64| {
         let found = number(&result, pointer);
-        assert!((found - reference).abs() <= tolerance, "{pointer} is {found}, the notes say {reference} +- {tolerance}");
+        assert!(
+            (found - reference).abs() <= tolerance,
+            "{pointer} is {found}, the notes say {reference} +- {tolerance}"
+        );
     };
     within("/cameras/rgb/fx", 1359.66, 0.005 * 1359.66);
     within("/cameras/rgb/fy", 1360.35, 0.005 * 1360.35);
     within("/cameras/rgb/cx", 774.35, 8.0);
     within("/cameras/rgb/cy", 624.40, 8.0);
 
-    let reference = [
-        ("tsai", Vector3::new(-0.01863, 1.26386, 0.29004)),
-        ("park", Vector3::new(-0.01836, 1.26374, 0.28997)),
-    ];
+    let reference =
+        [("tsai", Vector3::new(-0.01863, 1.26386, 0.29004)), ("park", Vector3::new(-0.01836, 1.26374, 0.28997))];
     for (solver, known) in reference {
         let found = vector(&result, &format!("/hand_eye/panel/{solver}/translation_m"));
         let off_m = (found - known).norm();
@@ -36,7 +37,8 @@ fn the_real_arm_is_calibrated_as_by_others() {
     }
     // The published camera of the same images; its intrinsics are other ones, so only the rotation compares.
     let known = [-0.0480798, -0.558686, 0.827604, -0.0251035];
-    let known = nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(known[3], known[0], known[1], known[2]));
+    let known =
+        nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(known[3], known[0], known[1], known[2]));
     let found = rotation(&result, "/hand_eye/panel/park/quaternion_xyzw");
     assert!(found.angle_to(&known).to_degrees() < 1.5, "{:?}", found.angle_to(&known).to_degrees());
 
@@ -86,7 +88,9 @@ fn real_event_files_decode_to_the_published_counts() {
         let notes: serde_json::Value =
             serde_json::from_str(&std::fs::read_to_string(folder.join("expected.json")).unwrap()).unwrap();
         let expected = &notes["expected"];
-        for (ours, theirs) in [("events", "n"), ("on", "n_on"), ("off", "n_off"), ("first_us", "t_first"), ("last_us", "t_last")] {
+        for (ours, theirs) in
+            [("events", "n"), ("on", "n_on"), ("off", "n_off"), ("first_us", "t_first"), ("last_us", "t_last")]
+        {
             assert_eq!(info[ours], expected[theirs], "{file}: {ours}");
         }
         assert_eq!(info["sha256"], expected["sha256_packed_t_i64_x_u16_y_u16_p_u8"], "{file}");
@@ -102,7 +106,11 @@ fn damaged_recordings_are_read_as_far_as_they_go() {
     for (file, expected) in notes.as_object().unwrap() {
         let Ok(bytes) = std::fs::read(folder.join(file)) else { continue };
         let scan = cellcal::recording::scan::scan(&bytes);
-        let key = if expected.get("messages_in_good_chunks").is_some() { "messages_in_good_chunks" } else { "messages_in_complete_records" };
+        let key = if expected.get("messages_in_good_chunks").is_some() {
+            "messages_in_good_chunks"
+        } else {
+            "messages_in_complete_records"
+        };
         let floor = expected[key].as_u64().unwrap() as usize;
         assert!(scan.messages.len() >= floor, "{file}: {} of {floor} messages", scan.messages.len());
         let whole = expected.get("data_end_seen").is_some_and(|v| v == true);

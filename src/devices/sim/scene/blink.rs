@@ -92,3 +92,52 @@ impl Blink {
         scan * self.scan_out_s
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn blink(rise_s: f64, fall_s: f64) -> Blink {
+        Blink::new(&DisplaySpec { rise_s, fall_s, ..DisplaySpec::default() }, 15.0, 7)
+    }
+
+    /// The share of the blended state at one instant, straight from the exponentials.
+    fn share(blink: &Blink, t_s: f64, scan: f64) -> f64 {
+        let since = (t_s - blink.phase_s - scan * blink.scan_out_s).rem_euclid(2.0 * blink.half_s);
+        if since < blink.half_s {
+            (-since / blink.fall_s).exp()
+        } else {
+            1.0 - (-(since - blink.half_s) / blink.rise_s).exp()
+        }
+    }
+
+    #[test]
+    fn the_mean_over_an_exposure_is_the_sum_of_its_instants() {
+        let blink = blink(0.005, 0.002);
+        for (start_s, exposure_s, scan) in [(0.0, 0.1, 0.0), (1.234, 0.01, 0.7), (-3.3, 0.05, 1.0), (500.02, 1.7, 0.2)] {
+            let steps = 200_000;
+            let at = |i: u32| start_s + exposure_s * (f64::from(i) + 0.5) / f64::from(steps);
+            let summed = (0..steps).map(|i| share(&blink, at(i), scan)).sum::<f64>() / f64::from(steps);
+            let closed = blink.mean_blend(start_s, exposure_s, scan);
+            assert!((closed - summed).abs() < 1e-5, "{start_s} {exposure_s} {scan}: {closed} {summed}");
+        }
+    }
+
+    #[test]
+    fn whole_cycles_are_half_blended_and_100_ms_nearly() {
+        let blink = blink(0.003, 0.003);
+        assert!((blink.mean_blend(0.123, 2.0 / 15.0, 0.4) - 0.5).abs() < 1e-9);
+        let means: Vec<f64> = (0..60).map(|i| blink.mean_blend(f64::from(i) * 0.0031, 0.1, 0.0)).collect();
+        let (low, high) = means.iter().fold((1.0_f64, 0.0_f64), |(l, h), m| (l.min(*m), h.max(*m)));
+        assert!((low - 1.0 / 3.0).abs() < 0.01 && (high - 2.0 / 3.0).abs() < 0.01, "{low} {high}");
+    }
+
+    #[test]
+    fn transitions_come_30_times_a_second_and_alternate() {
+        let blink = blink(0.004, 0.003);
+        let inside = |t: &Transition| (10.0..11.0).contains(&t.start_s);
+        let all: Vec<_> = blink.transitions(10.0, 11.0, 0.04).filter(inside).collect();
+        assert!((29..=31).contains(&all.len()));
+        assert!(all.windows(2).all(|p| p[0].brighter() != p[1].brighter()));
+    }
+}

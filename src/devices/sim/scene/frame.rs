@@ -78,8 +78,7 @@ struct RowBlends {
 impl RowBlends {
     fn new(blink: &Blink, start_s: f64, exposure_s: f64) -> Self {
         let scan = |i: usize| i as f64 / ROW_STEPS as f64;
-        let table: Vec<f32> =
-            (0..=ROW_STEPS).map(|i| blink.mean_blend(start_s, exposure_s, scan(i)) as f32).collect();
+        let table: Vec<f32> = (0..=ROW_STEPS).map(|i| blink.mean_blend(start_s, exposure_s, scan(i)) as f32).collect();
         Self { mean: table.iter().sum::<f32>() / table.len() as f32, table }
     }
 

@@ -145,12 +145,7 @@ impl Scene {
     ///
     /// Times of the events are microseconds of the host's clock. Windows that meet give together what one long
     /// window gives. Cost and memory grow with the window: seconds, not hours.
-    pub fn events(
-        &self,
-        event_from_target: &Transform<geometry::Event, Target>,
-        from_s: f64,
-        to_s: f64,
-    ) -> Vec<Event> {
+    pub fn events(&self, event_from_target: &Transform<geometry::Event, Target>, from_s: f64, to_s: f64) -> Vec<Event> {
         let Some(sensor) = &self.event else { return Vec::new() };
         sensor.events(&Rendered::new(&self.panel, &sensor.lens, event_from_target), &self.blink, from_s, to_s)
     }

@@ -30,7 +30,9 @@ pub(super) enum Stream {
 
 /// The generator of one stream, numbered by two indices such as transition and row.
 pub(super) fn rng(seed: u64, stream: Stream, a: u64, b: u64) -> Pcg64Mcg {
-    Pcg64Mcg::seed_from_u64([stream as u64, a, b].iter().fold(scramble(seed), |state, v| scramble(state ^ scramble(*v))))
+    Pcg64Mcg::seed_from_u64(
+        [stream as u64, a, b].iter().fold(scramble(seed), |state, v| scramble(state ^ scramble(*v))),
+    )
 }
 
 /// SplitMix64: neighbouring seeds give unrelated values.

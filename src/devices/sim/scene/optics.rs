@@ -142,3 +142,41 @@ fn distortion_slope(pinhole: &Pinhole, ideal: Vector2<f64>) -> Matrix2<f64> {
     let yy = radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x;
     Matrix2::new(xx, cross, cross, yy)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ray_of_a_pixel_is_seen_at_that_pixel() {
+        let lens = Lens::new(Optics::nominal(400, 300, 800.0, 0.9).drawn(3)).unwrap();
+        for (x, y) in (0..400).step_by(57).flat_map(|x| (0..300).step_by(23).map(move |y| (x, y))) {
+            let [u, v] = lens.ray(x, y);
+            let px = lens.pinhole.project(&nalgebra::Point3::new(u, v, 1.0)).unwrap();
+            let error = (px[0] - x as f64).hypot(px[1] - y as f64);
+            assert!(error < 1e-3, "{x} {y}: {error} px");
+        }
+    }
+
+    #[test]
+    fn lenses_of_a_series_stay_within_tolerance_and_differ() {
+        let nominal = Optics::nominal(1280, 720, 2570.0, 0.85);
+        let drawn: Vec<_> = (0..200).map(|seed| nominal.drawn(seed)).collect();
+        let within = |o: &Optics| (o.fx / 2570.0 - 1.0).abs() <= 0.0101 && (o.cx - nominal.cx).abs() <= 20.0;
+        assert!(drawn.iter().all(within));
+        let spread = |f: fn(&Optics) -> f64| {
+            let mean = drawn.iter().map(f).sum::<f64>() / 200.0;
+            (drawn.iter().map(|o| (f(o) - mean).powi(2)).sum::<f64>() / 199.0).sqrt()
+        };
+        // Uniform within +-20 px: 11.5 px.
+        assert!((9.5..13.5).contains(&spread(|o| o.cx)) && (9.5..13.5).contains(&spread(|o| o.cy)));
+    }
+
+    #[test]
+    fn a_lens_that_folds_the_image_is_refused() {
+        let folded = Optics { distortion: [-3.0, 0.0, 0.0, 0.0, 0.0], ..Optics::nominal(400, 300, 300.0, 0.9) };
+        assert!(matches!(Lens::new(folded), Err(SceneError::Lens { .. })));
+        let blind = Optics { fx: f64::NAN, ..Optics::nominal(400, 300, 300.0, 0.9) };
+        assert!(matches!(Lens::new(blind), Err(SceneError::Value { name: "optics.fx", .. })));
+    }
+}

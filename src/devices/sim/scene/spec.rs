@@ -63,9 +63,9 @@ impl Default for DisplaySpec {
             ambient_cd_m2: 3.0,
             bow_m: 50e-6,
             off_axis_dimming: 1.0,
-            leak_horizontal: 0.1,
+            leak_horizontal: 0.15,
             leak_vertical: 0.02,
-            leak_diagonal: 0.6,
+            leak_diagonal: 1.0,
             margin_squares: 0.5,
             bezel_squares: 1.0,
             bezel_cd_m2: 1.0,
@@ -139,7 +139,7 @@ pub struct FrameSpec {
 
 impl Default for FrameSpec {
     fn default() -> Self {
-        Self { white_dn: 80.0, electrons_per_dn: 9.0, read_noise_dn: 0.8, prnu: 0.006 }
+        Self { white_dn: 90.0, electrons_per_dn: 9.0, read_noise_dn: 0.8, prnu: 0.006 }
     }
 }
 
@@ -217,4 +217,32 @@ impl EventSpec {
 /// Refuses a value outside `low` to `high`; NaN is outside.
 pub(super) fn in_range(name: &'static str, value: f64, low: f64, high: f64) -> Result<(), SceneError> {
     if (low..=high).contains(&value) { Ok(()) } else { Err(SceneError::Value { name, value, low, high }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_empty_section_gives_the_defaults_and_an_unknown_key_is_refused() {
+        assert_eq!(serde_json::from_str::<DisplaySpec>("{}").unwrap(), DisplaySpec::default());
+        assert_eq!(serde_json::from_str::<EventSpec>(r#"{"threshold_on": 0.25}"#).unwrap().threshold_on, 0.25);
+        assert!(serde_json::from_str::<FrameSpec>(r#"{"prnuu": 0.01}"#).is_err());
+    }
+
+    #[test]
+    fn the_defaults_are_allowed_and_not_a_number_is_not() {
+        DisplaySpec::default().check().unwrap();
+        FrameSpec::default().check().unwrap();
+        EventSpec::default().check().unwrap();
+        let error = DisplaySpec { bow_m: f64::NAN, ..DisplaySpec::default() }.check().unwrap_err();
+        assert_eq!(error.to_string(), "display.bow_m of the simulated cell is NaN, outside 0 to 0.002");
+    }
+
+    #[test]
+    fn brightness_follows_the_measured_table() {
+        let white = |percent| DisplaySpec::default().at_brightness(percent).white_cd_m2;
+        assert_eq!([white(-5.0), white(0.0), white(40.0), white(100.0), white(300.0)], [35.0, 35.0, 121.0, 391.0, 391.0]);
+        assert!((white(90.0) - 313.5).abs() < 1e-9);
+    }
 }
