@@ -7,9 +7,11 @@ use serde_json::json;
 
 use super::run::load;
 use super::{Exit, print};
-use crate::calibration::observability::{self, Observability, ObservabilityError};
+use crate::calibration::observability::{self, Observability};
 use crate::calibration::settings::{Carried, PoseKind};
+use crate::config::Cell;
 use crate::cv::charuco;
+use crate::plan::Plan;
 use crate::runner::setup::Planned;
 
 /// Checks a cell, its trajectories, reach, limits and duration; needs no hardware.
@@ -26,13 +28,7 @@ impl Check {
     pub(super) fn execute(self) -> anyhow::Result<Exit> {
         let Planned { cell, plan, setup } = load(&self.cell)?.plan()?;
         charuco::check_dictionary(&cell.board)?;
-        let hand_eye: Vec<_> =
-            plan.poses.iter().filter(|p| p.kind == PoseKind::HandEye).map(|p| p.base_from_tcp).collect();
-        let found = match cell.carried {
-            Carried::Target => observability::carried_target(&hand_eye),
-            Carried::Cameras => observability::carried_cameras(&hand_eye),
-        };
-        let refused = if hand_eye.is_empty() { None } else { refusal(&found) };
+        let (found, refused) = observability_of(&cell, &plan);
         let count = |kind| plan.poses.iter().filter(|p| p.kind == kind).count();
         let counts = [PoseKind::Intrinsics, PoseKind::HandEye, PoseKind::Distance].map(count);
         if self.json {
@@ -40,7 +36,7 @@ impl Check {
                 "cell": cell.name, "poses": plan.poses.len(), "duration_s": plan.duration_s,
                 "intrinsics_poses": counts[0], "hand_eye_poses": counts[1], "distance_poses": counts[2],
                 "pairs": setup.pairs.len(), "warnings": plan.warnings,
-                "observability": found.as_ref().ok(), "refused": refused,
+                "observability": found, "refused": refused,
             });
             print(&format!("{}\n", serde_json::to_string_pretty(&report)?));
         } else {
@@ -64,9 +60,22 @@ impl Check {
     }
 }
 
-fn refusal(found: &Result<Observability, ObservabilityError>) -> Option<String> {
+/// How well the hand-eye poses span space, and why they would be refused; neither where there are none.
+pub(super) fn observability_of(cell: &Cell, plan: &Plan) -> (Option<Observability>, Option<String>) {
+    let for_arm = plan.poses.iter().filter(|p| p.kind == PoseKind::HandEye);
+    let poses: Vec<_> = for_arm.map(|p| p.base_from_tcp).collect();
+    if poses.is_empty() {
+        return (None, None);
+    }
+    let found = match cell.carried {
+        Carried::Target => observability::carried_target(&poses),
+        Carried::Cameras => observability::carried_cameras(&poses),
+    };
     match found {
-        Ok(observability) => observability.check().err().map(|e| e.to_string()),
-        Err(error) => Some(error.to_string()),
+        Ok(observability) => {
+            let refused = observability.check().err().map(|e| e.to_string());
+            (Some(observability), refused)
+        }
+        Err(error) => (None, Some(error.to_string())),
     }
 }

@@ -59,9 +59,11 @@ pub(super) fn of_error(error: &anyhow::Error) -> Exit {
 fn is_setup_of_files(cause: &(dyn std::error::Error + 'static)) -> bool {
     let Some(setup) = cause.downcast_ref::<SetupError>() else { return false };
     match setup {
-        SetupError::Config(_) | SetupError::Plan(_) | SetupError::Intrinsics { .. } | SetupError::Override { .. } => {
-            true
-        }
+        SetupError::Config(_)
+        | SetupError::Plan(_)
+        | SetupError::Model { .. }
+        | SetupError::Intrinsics { .. }
+        | SetupError::Override { .. } => true,
         SetupError::Recording(_) => false,
     }
 }

@@ -8,7 +8,7 @@ use clap::Args;
 
 use super::exit::UsageError;
 use super::progress::{Bar, say};
-use super::{Exit, read_text, replay};
+use super::{Exit, check, read_text, replay};
 use crate::config::{Cell, EventDriver, FrameDriver, IntrinsicsSource, RobotDriver};
 use crate::devices::sim::cell::SimCell;
 use crate::plan::Plan;
@@ -50,6 +50,9 @@ impl Run {
         let texts = load(&self.cell)?;
         let Planned { cell, plan, setup } = texts.plan()?;
         self.refuse_what_has_no_driver(&cell)?;
+        if let (_, Some(why)) = check::observability_of(&cell, &plan) {
+            return Err(UsageError(format!("{}: no motion: {why}", self.cell.display())).into());
+        }
         for warning in &plan.warnings {
             say(&format!("warning: {warning}"));
         }
@@ -124,16 +127,18 @@ pub(super) fn load(cell: &Path) -> anyhow::Result<CellTexts> {
         })?;
         trajectories.push((path.display().to_string(), text));
     }
+    let beside = |key: &str, file: &String| {
+        let path = folder.join(file);
+        let text = std::fs::read_to_string(&path)
+            .map_err(|why| UsageError(format!("{name}: {key}: {}: {why}", path.display())))?;
+        Ok::<_, UsageError>((path.display().to_string(), text))
+    };
     let intrinsics = match &parsed.intrinsics {
         IntrinsicsSource::Solve => None,
-        IntrinsicsSource::From(file) => {
-            let path = folder.join(file);
-            let text = std::fs::read_to_string(&path)
-                .map_err(|why| UsageError(format!("{name}: intrinsics: {}: {why}", path.display())))?;
-            Some((path.display().to_string(), text))
-        }
+        IntrinsicsSource::From(file) => Some(beside("intrinsics", file)?),
     };
-    Ok(CellTexts { cell: (name, text), trajectories, intrinsics })
+    let urdf = parsed.robot.urdf.as_ref().map(|file| beside("robot.urdf", file)).transpose()?;
+    Ok(CellTexts { cell: (name, text), trajectories, intrinsics, urdf })
 }
 
 fn about(session_id: String, texts: &CellTexts) -> About {

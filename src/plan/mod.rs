@@ -141,14 +141,9 @@ pub enum Refusal {
     DoubledId,
 }
 
-/// All poses of the trajectories with the nominal UR5e, with a warning if the cell names a `urdf`: that one has to be
-/// read and given to [`expand_with`].
+/// All poses of the trajectories with the nominal UR5e; see [`expand_with`].
 pub fn expand(cell: &Cell, trajectories: &[(PoseKind, Trajectory)]) -> Result<Plan, PlanError> {
-    let mut plan = expand_with(cell, &Arm::ur5e(), trajectories)?;
-    if let Some(urdf) = &cell.robot.urdf {
-        plan.warnings.push(format!("planned with the nominal UR5e, not with `robot.urdf` {urdf}"));
-    }
-    Ok(plan)
+    expand_with(cell, &Arm::ur5e(), trajectories)
 }
 
 /// All poses of the trajectories, in order, from the home position of the cell; every pose that cannot be

@@ -136,7 +136,7 @@ fn a_pair_is_two_poses_apart_by_its_displacement() {
     let (from, to) = (a.base_from_tcp.translation_m(), b.base_from_tcp.translation_m());
     assert_near(std::array::from_fn(|i| to[i] - from[i]), [0.0, 0.030, -0.016], 1e-12);
     assert!(a.base_from_tcp.angle_to_rad(&b.base_from_tcp) < 1e-12);
-    assert!(matches!(a.target, MoveTarget::Joint { .. }), "{a:?}");
+    assert!(matches!(a.target, MoveTarget::Linear { .. }), "{a:?}");
     assert!(matches!(b.target, MoveTarget::Linear { .. }), "{b:?}");
 }
 

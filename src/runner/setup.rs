@@ -10,7 +10,10 @@ use crate::calibration::problem::{CameraSetup, CheckTruth, DistancePair, KnownCa
 use crate::calibration::result::CalibrationResult;
 use crate::calibration::settings::{Carried, Gates, PoseKind, Settings};
 use crate::config::{self, Cell, ConfigError, Stillness};
-use crate::geometry::Camera;
+use crate::geometry::{
+    Camera,
+    kinematics::{Arm, ModelError},
+};
 use crate::plan::{self, Plan, PlanError};
 use crate::recording::{Attachment, ImportSetup, Kind, Recording, RecordingError};
 use crate::session::{Expected, Stop};
@@ -82,6 +85,14 @@ pub enum SetupError {
     /// The trajectories cannot be executed.
     #[error(transparent)]
     Plan(#[from] PlanError),
+    /// The robot model cannot be used.
+    #[error("{name}: {why}")]
+    Model {
+        /// The URDF.
+        name: String,
+        /// What is wrong.
+        why: ModelError,
+    },
     /// The recording lacks something.
     #[error(transparent)]
     Recording(#[from] RecordingError),
@@ -112,6 +123,8 @@ pub struct CellTexts {
     pub trajectories: Vec<(String, String)>,
     /// Name and text of the result that intrinsics are taken from.
     pub intrinsics: Option<(String, String)>,
+    /// Name and text of the URDF that stands for the nominal arm.
+    pub urdf: Option<(String, String)>,
 }
 
 /// A checked cell, its plan and its setup.
@@ -132,6 +145,7 @@ impl CellTexts {
         let of = |name: String, text: &str| Attachment { name, data: text.as_bytes().to_vec() };
         let mut all = vec![of("cell.yaml".into(), &self.cell.1)];
         all.extend(self.trajectories.iter().map(|(name, text)| of(format!("{TRAJECTORY}{name}"), text)));
+        all.extend(self.urdf.iter().map(|(_, text)| of("robot.urdf".into(), text)));
         all.extend(self.intrinsics.iter().map(|(_, text)| of("intrinsics.json".into(), text)));
         all
     }
@@ -142,8 +156,9 @@ impl CellTexts {
         let names = recording.attachment_names().filter(|n| n.starts_with(TRAJECTORY));
         let trajectory = |name: &str| Ok((name[TRAJECTORY.len()..].to_owned(), recording.text(name)?.to_owned()));
         let trajectories = names.map(trajectory).collect::<Result<_, RecordingError>>()?;
-        let intrinsics = recording.text("intrinsics.json").ok().map(|t| ("intrinsics.json".into(), t.to_owned()));
-        Ok(Self { cell, trajectories, intrinsics })
+        let optional = |name: &str| recording.text(name).ok().map(|text| (name.to_owned(), text.to_owned()));
+        let (intrinsics, urdf) = (optional("intrinsics.json"), optional("robot.urdf"));
+        Ok(Self { cell, trajectories, intrinsics, urdf })
     }
 
     /// Checks everything and plans the session.
@@ -153,7 +168,11 @@ impl CellTexts {
         for (used, (name, text)) in cell.trajectories.iter().zip(&self.trajectories) {
             parsed.push((used.purpose, config::parse_trajectory(text, name)?));
         }
-        let plan = plan::expand(&cell, &parsed)?;
+        let arm = match &self.urdf {
+            None => Arm::ur5e(),
+            Some((name, text)) => Arm::from_urdf(text).map_err(|why| SetupError::Model { name: name.clone(), why })?,
+        };
+        let plan = plan::expand_with(&cell, &arm, &parsed)?;
         let mut setup = Setup::of_cell(&cell, &plan);
         setup.sha256.insert("cell".into(), sha256(self.cell.1.as_bytes()));
         for (name, text) in &self.trajectories {

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use rayon::prelude::*;
 
-use super::blur::{Veil, gaussian};
+use super::blur::{Quarters, Veil};
 use super::optics::Lens;
 use super::panel::{EmissionField, Panel};
 use super::texture::Shares;
@@ -52,7 +52,6 @@ impl Rendered {
         let direct = (1.0 - spec.glare) as f32;
         let size = [lens.optics.width, lens.optics.height];
         let veils = planes.each_mut().map(|plane| {
-            gaussian(plane, roi.width, lens.optics.psf_sigma_px);
             let veil = Veil::new(plane, roi, size, background, spec.glare, spec.glare_sigma_px);
             plane.iter_mut().for_each(|v| *v *= direct);
             veil
@@ -102,13 +101,16 @@ fn cast_all(caster: &Caster, lens: &Lens, roi: Roi) -> ([Vec<f32>; 2], Vec<f32>)
         caster.cast(lens.ray(x, y), || lens.ray_slope(x, y))
     };
     let seen: Vec<Seen> = (0..roi.width * roi.height).into_par_iter().map(cast).collect();
-    let plane = |s: usize| seen.iter().map(|seen| seen.cd_m2[s]).collect();
+    let plane = |state: usize| {
+        let quarter = |q: usize| seen.iter().map(|seen| seen.cd_m2[q][state]).collect();
+        Quarters { width: roi.width, planes: [0, 1, 2, 3].map(quarter) }.blurred(lens.optics.psf_sigma_px)
+    };
     ([plane(0), plane(1)], seen.iter().map(|seen| seen.scan).collect())
 }
 
-/// What one pixel sees before the lens blurs it.
+/// What the quarters of one pixel (row by row) see before the lens blurs it.
 struct Seen {
-    cd_m2: Shares,
+    cd_m2: [Shares; 4],
     scan: f32,
 }
 
@@ -166,31 +168,29 @@ impl<'a> Caster<'a> {
     }
 
     fn cast(&self, ray: [f64; 2], ray_slope: impl FnOnce() -> Matrix2<f64>) -> Seen {
-        let spec = &self.panel.spec;
-        let (background, bezel) = (spec.background_cd_m2 as f32, spec.bezel_cd_m2 as f32);
-        let Some(hit) = self.hit(ray) else { return Seen { cd_m2: [background; 2], scan: 0.0 } };
-        let scan = self.panel.scan(hit.point_m.y) as f32;
+        let Self { panel, emission, .. } = self;
+        let (background, bezel) = (panel.spec.background_cd_m2 as f32, panel.spec.bezel_cd_m2 as f32);
+        let Some(hit) = self.hit(ray) else { return Seen { cd_m2: [[background; 2]; 4], scan: 0.0 } };
         let slope_m = hit.slope_m * ray_slope();
-        let body = self.covered(&hit, &slope_m, self.panel.margin_m + self.panel.bezel_m);
-        if body <= 0.0 {
-            return Seen { cd_m2: [background; 2], scan };
-        }
-        let around = background + body * (bezel - background);
-        let lit = self.covered(&hit, &slope_m, self.panel.margin_m);
-        if lit <= 0.0 {
-            return Seen { cd_m2: [around; 2], scan };
-        }
-        let emission = self.emission.at(hit.point_m);
-        let texels = hit.point_m * self.panel.texels_per_m;
-        let shares = self.panel.texture.mean(texels.x, texels.y, &(slope_m * self.panel.texels_per_m));
-        Seen { cd_m2: shares.map(|share| around + lit * (emission.luminance(share) - around)), scan }
+        let emission = emission.at(hit.point_m);
+        let texels = hit.point_m * panel.texels_per_m;
+        let shares = panel.texture.quarters(texels.x, texels.y, &(slope_m * panel.texels_per_m));
+        let quarter = |q: usize| {
+            let offset = Vector2::new(if q.is_multiple_of(2) { -0.25 } else { 0.25 }, if q < 2 { -0.25 } else { 0.25 });
+            let point_m = hit.point_m + slope_m * offset;
+            let body = self.covered(point_m, &slope_m, panel.margin_m + panel.bezel_m);
+            let lit = self.covered(point_m, &slope_m, panel.margin_m);
+            let around = background + body * (bezel - background);
+            shares[q].map(|share| around + lit * (emission.luminance(share) - around))
+        };
+        Seen { cd_m2: [0, 1, 2, 3].map(quarter), scan: panel.scan(hit.point_m.y) as f32 }
     }
 
-    /// Share of a pixel that lies on the board with `border_m` around it.
-    fn covered(&self, hit: &Hit, slope_m: &Matrix2<f64>, border_m: f64) -> f32 {
+    /// Share of a quarter of a pixel that lies on the board with `border_m` around it.
+    fn covered(&self, point_m: Vector2<f64>, slope_m: &Matrix2<f64>, border_m: f64) -> f32 {
         let axis = |i: usize| {
-            let half = 0.5 * slope_m[(i, 0)].hypot(slope_m[(i, 1)]).max(1e-12);
-            let (low, high) = (hit.point_m[i] - half, hit.point_m[i] + half);
+            let half = 0.25 * slope_m[(i, 0)].hypot(slope_m[(i, 1)]).max(1e-12);
+            let (low, high) = (point_m[i] - half, point_m[i] + half);
             let inside = high.min(self.panel.size_m[i] + border_m) - low.max(-border_m);
             (inside / (2.0 * half)).clamp(0.0, 1.0)
         };

@@ -242,7 +242,10 @@ mod tests {
     #[test]
     fn brightness_follows_the_measured_table() {
         let white = |percent| DisplaySpec::default().at_brightness(percent).white_cd_m2;
-        assert_eq!([white(-5.0), white(0.0), white(40.0), white(100.0), white(300.0)], [35.0, 35.0, 121.0, 391.0, 391.0]);
+        assert_eq!(
+            [white(-5.0), white(0.0), white(40.0), white(100.0), white(300.0)],
+            [35.0, 35.0, 121.0, 391.0, 391.0]
+        );
         assert!((white(90.0) - 313.5).abs() < 1e-9);
     }
 }

@@ -64,10 +64,10 @@ fn saddle(light: impl Fn(i64, i64) -> f64, start: [f64; 2]) -> [f64; 2] {
     for _ in 0..20 {
         let (mut sum, mut weighted) = (Matrix2::zeros(), Vector2::zeros());
         let (x0, y0) = (at.x.round() as i64, at.y.round() as i64);
-        for (x, y) in (-9..=9).flat_map(|j| (-9..=9).map(move |i| (x0 + i, y0 + j))) {
+        for (x, y) in (-6..=6).flat_map(|j| (-6..=6).map(move |i| (x0 + i, y0 + j))) {
             let point = Vector2::new(x as f64, y as f64);
             let gradient = Vector2::new(light(x + 1, y) - light(x - 1, y), light(x, y + 1) - light(x, y - 1));
-            let outer = gradient * gradient.transpose() * (-(point - at).norm_squared() / 14.0).exp();
+            let outer = gradient * gradient.transpose() * (-(point - at).norm_squared() / 10.0).exp();
             sum += outer;
             weighted += outer * point;
         }
@@ -95,10 +95,10 @@ fn corners_in_the_image_are_where_the_projection_says() {
         for id in 0..24 {
             let truth = scene.project_rgb(&rgb_from_target, board().corner(id).unwrap()).unwrap();
             let error = Vector2::from(saddle(light, truth)) - Vector2::from(truth);
-            assert!(error.norm() < 0.05, "{turn:?} corner {id}: {error:?} px");
+            assert!(error.norm() < 0.025, "{turn:?} corner {id}: {error:?} px");
             bias += error / 24.0;
         }
-        assert!(bias.norm() < 0.01, "{turn:?}: {bias:?} px");
+        assert!(bias.norm() < 0.005, "{turn:?}: {bias:?} px");
     }
 }
 
@@ -259,7 +259,7 @@ fn a_seed_gives_the_same_on_any_number_of_threads_and_another_seed_does_not() {
 #[test]
 fn a_display_that_is_not_in_sight_gives_background_and_noise() {
     let scene = Scene::new(spec()).unwrap();
-    let behind = [[0.0, 3.1, 0.0], [0.0, 1.570_8, 0.0], [f64::NAN, 0.0, 0.0]];
+    let behind = [[0.0, 3.1, 0.0], [0.0, std::f64::consts::FRAC_PI_2, 0.0], [f64::NAN, 0.0, 0.0]];
     for turn in behind {
         let image = scene.expose(&pose(turn, [0.0; 2]), 0.0, 0.1);
         assert!(image.pixels.iter().all(|v| *v < 20), "{turn:?}");
@@ -281,23 +281,4 @@ fn impossible_scenes_are_refused_and_missing_cameras_are_blind() {
     let blind = Scene::new(SceneSpec { rgb: None, event: None, ..spec() }).unwrap();
     assert!(blind.expose(&pose([0.0; 3], [0.0; 2]), 0.0, 0.1).pixels.is_empty());
     assert!(blind.events(&pose([0.0; 3], [0.0; 2]), 0.0, 0.1).is_empty());
-}
-#[test]
-fn zz_probe() {
-    for variant in 0..4 {
-    let mut sp = spec();
-    sp.display.bow_m = if variant == 1 { 200e-6 } else { 0.0 };
-    sp.display.glare = if variant == 2 { 0.02 } else { 0.0 };
-    if variant != 3 { sp.rgb.as_mut().unwrap().0.distortion = [0.0; 5]; }
-    let scene = Scene::new(sp).unwrap();
-    let camera = scene.rgb.as_ref().unwrap();
-    for (turn, shift) in [([0.0; 3], [0.0; 2]), ([0.0, 0.0, 0.2], [0.004, 0.002]), ([0.4, 0.0, 0.1], [0.0; 2])] {
-        let p = pose::<Rgb>(turn, shift);
-        let seen = Rendered::new(&scene.panel, &camera.lens, &p);
-        let light = |x: i64, y: i64| f64::from(seen.states(x as usize, y as usize)[0]);
-        let v: Vec<[f64;2]> = (0..24).map(|id| { let t = scene.project_rgb(&p, board().corner(id).unwrap()).unwrap(); let s = saddle(light, t); [s[0]-t[0],s[1]-t[1]] }).collect();
-        let e: Vec<f64> = v.iter().map(|v| v[0].hypot(v[1])).collect();
-        eprintln!("{variant} {turn:?} rms {:.4} max {:.4} {:.3?}", (e.iter().map(|v| v*v).sum::<f64>()/24.).sqrt(), e.iter().cloned().fold(0., f64::max), &v[..8]);
-    }
-    }
 }

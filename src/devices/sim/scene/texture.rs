@@ -1,11 +1,11 @@
-//! The two states of the display as shares of white, and their mean over the footprint of a camera pixel.
+//! The two states of the display as shares of white, and their means over the footprint of a camera pixel.
 
 use nalgebra::Matrix2;
 
 use crate::board::blend_with_white;
 use crate::image::GrayImage;
 
-/// Camera pixels are sampled in this many steps each way.
+/// Camera pixels are sampled in this many steps each way; even.
 const SUBSAMPLES: usize = 4;
 /// Shares of white: the pattern, then the blended state.
 pub(super) type Shares = [f32; 2];
@@ -42,31 +42,32 @@ impl Texture {
         [self.width - 2, self.height - 2]
     }
 
-    /// Mean over a camera pixel whose centre is at `u`, `v` texels from the top-left corner of the board.
+    /// Means over the four quarters of a camera pixel (row by row) whose centre is at `u`, `v` texels from the
+    /// top-left corner of the board.
     ///
     /// `slope` is the change of (u, v) per pixel to the right and per pixel down, as columns.
-    pub(super) fn mean(&self, u: f64, v: f64, slope: &Matrix2<f64>) -> Shares {
+    pub(super) fn quarters(&self, u: f64, v: f64, slope: &Matrix2<f64>) -> [Shares; 4] {
         let reach = |row: usize| 0.5 * (slope[(row, 0)].abs() + slope[(row, 1)].abs());
         let (reach_u, reach_v) = (reach(0), reach(1));
         let [w, h] = self.size().map(|n| n as f64);
         let touches = u + reach_u > 0.0 && v + reach_v > 0.0 && u - reach_u < w && v - reach_v < h;
         if !touches {
-            return [1.0; 2];
+            return [[1.0; 2]; 4];
         }
         let (u, v) = ((u + 1.0) as f32, (v + 1.0) as f32);
         let centre = self.index(u as i32, v as i32);
         if f64::from(self.depth[centre]) > reach_u.max(reach_v) + 1.0 {
-            return self.shares[centre];
+            return [self.shares[centre]; 4];
         }
         self.supersampled(u, v, &slope.cast())
     }
 
-    fn supersampled(&self, u: f32, v: f32, slope: &Matrix2<f32>) -> Shares {
+    fn supersampled(&self, u: f32, v: f32, slope: &Matrix2<f32>) -> [Shares; 4] {
         let step = 1.0 / SUBSAMPLES as f32;
         // A box as wide as one step: an edge along the grid then moves the mean smoothly, not in jumps.
         let half = |row: usize| (0.5 * step * slope[(row, 0)].hypot(slope[(row, 1)])).clamp(1e-3, 0.5);
         let (half_u, half_v) = (half(0), half(1));
-        let mut sum = [0.0; 2];
+        let mut sums = [[0.0; 2]; 4];
         for j in 0..SUBSAMPLES {
             let dy = (j as f32 + 0.5) * step - 0.5;
             for i in 0..SUBSAMPLES {
@@ -74,10 +75,11 @@ impl Texture {
                 let at_u = u + dx * slope[(0, 0)] + dy * slope[(0, 1)];
                 let at_v = v + dx * slope[(1, 0)] + dy * slope[(1, 1)];
                 let [a, b] = self.boxed(at_u, half_u, at_v, half_v);
-                sum = [sum[0] + a, sum[1] + b];
+                let sum = &mut sums[j * 2 / SUBSAMPLES * 2 + i * 2 / SUBSAMPLES];
+                *sum = [sum[0] + a, sum[1] + b];
             }
         }
-        sum.map(|s| s * step * step)
+        sums.map(|sum| sum.map(|s| s * 4.0 * step * step))
     }
 
     /// Mean over a box of at most one texel each way.
