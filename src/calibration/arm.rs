@@ -12,7 +12,9 @@ use super::settings::{Carried, PoseKind};
 use crate::geometry::{Camera, Sensor, Target, Transform};
 
 /// A pose is an outlier when it lies this many times farther from where the others put it than the median does.
-const OUTLIER_TIMES_MEDIAN: f64 = 5.0;
+///
+/// The length of a vector with three normal components has its median at 1.54 sigma: 4 medians are 6.2 sigma.
+const OUTLIER_TIMES_MEDIAN: f64 = 4.0;
 /// Scatter below this is never called an outlier, m.
 const OUTLIER_FLOOR_M: f64 = 1e-3;
 /// At most this share of the poses is left out.

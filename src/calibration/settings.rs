@@ -93,6 +93,20 @@ impl Default for Settings {
     }
 }
 
+impl Settings {
+    /// Checks the ranges that a cell file keeps by itself. The error names key, value and range.
+    pub fn check(&self) -> Result<(), String> {
+        let Self { reject_view_above_px, min_corners, .. } = self;
+        if !(0.05..=100.0).contains(reject_view_above_px) {
+            return Err(format!("reject_view_above_px is {reject_view_above_px}, outside 0.05 to 100"));
+        }
+        if !(4..=1000).contains(min_corners) {
+            return Err(format!("min_corners is {min_corners}, outside 4 to 1000"));
+        }
+        Ok(())
+    }
+}
+
 /// Limits that a result must keep to pass; an absent gate is not judged.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

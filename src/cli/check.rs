@@ -38,7 +38,7 @@ impl Check {
                 "pairs": setup.pairs.len(), "warnings": plan.warnings,
                 "observability": found, "refused": refused,
             });
-            print(&format!("{}\n", serde_json::to_string_pretty(&report)?));
+            print(&format!("{}\n", serde_json::to_string_pretty(&report)?))?;
         } else {
             let [intrinsics, for_arm, distance] = counts;
             let mut text = format!(
@@ -54,7 +54,7 @@ impl Check {
             text.extend(plan.warnings.iter().map(|w| format!("warning: {w}\n")));
             text.extend(refused.iter().map(|w| format!("refused: {w}\n")));
             text.push_str(if refused.is_none() { "ok\n" } else { "" });
-            print(&text);
+            print(&text)?;
         }
         Ok(if refused.is_some() { Exit::Usage } else { Exit::Ok })
     }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::progress::say;
 use super::{Exit, print};
 use crate::events::RawInfo;
 
@@ -30,11 +31,18 @@ impl Events {
         let bytes = std::fs::read(&file).map_err(|why| anyhow::anyhow!("{name}: {why}"))?;
         let info = RawInfo::from_bytes(&bytes).map_err(|why| anyhow::anyhow!("{name}: {why}"))?;
         if json {
-            print(&format!("{}\n", serde_json::to_string_pretty(&info)?));
+            print(&format!("{}\n", serde_json::to_string_pretty(&info)?))?;
         } else {
-            print(&described(&serde_json::to_value(&info)?));
+            print(&described(&serde_json::to_value(&info)?))?;
         }
-        Ok(Exit::Ok)
+        let RawInfo { truncated_bytes, outside, .. } = info;
+        if truncated_bytes > 0 {
+            say(&format!("warning: {name} ends {truncated_bytes} bytes into a word: it was cut off"));
+        }
+        if outside > 0 {
+            say(&format!("warning: {outside} events lie outside the declared sensor size"));
+        }
+        Ok(if truncated_bytes > 0 || outside > 0 { Exit::Warnings } else { Exit::Ok })
     }
 }
 

@@ -3,9 +3,11 @@
 use std::process::ExitCode;
 
 use crate::calibration::gates::Status;
+use crate::calibration::result::CalibrationResult;
 use crate::config::ConfigError;
 use crate::plan::PlanError;
 use crate::runner::setup::SetupError;
+use crate::runner::solve::{SolveError, Solved};
 use crate::session::End;
 
 /// Printed under `--help`.
@@ -48,24 +50,17 @@ impl From<Exit> for ExitCode {
     }
 }
 
-/// A wrong file is a usage error, everything else an error.
+/// A wrong file or option is a usage error, everything else an error.
 pub(super) fn of_error(error: &anyhow::Error) -> Exit {
-    let wrong_file = error.chain().any(|cause| {
-        cause.is::<ConfigError>() || cause.is::<PlanError>() || cause.is::<UsageError>() || is_setup_of_files(cause)
+    let wrong = error.chain().any(|cause| {
+        let setup = match cause.downcast_ref::<SolveError>() {
+            Some(SolveError::Setup(setup)) => Some(setup),
+            _ => cause.downcast_ref::<SetupError>(),
+        };
+        let of_user = setup.is_some_and(|s| !matches!(s, SetupError::Recording(_)));
+        of_user || cause.is::<ConfigError>() || cause.is::<PlanError>() || cause.is::<UsageError>()
     });
-    if wrong_file { Exit::Usage } else { Exit::Error }
-}
-
-fn is_setup_of_files(cause: &(dyn std::error::Error + 'static)) -> bool {
-    let Some(setup) = cause.downcast_ref::<SetupError>() else { return false };
-    match setup {
-        SetupError::Config(_)
-        | SetupError::Plan(_)
-        | SetupError::Model { .. }
-        | SetupError::Intrinsics { .. }
-        | SetupError::Override { .. } => true,
-        SetupError::Recording(_) => false,
-    }
+    if wrong { Exit::Usage } else { Exit::Error }
 }
 
 /// The user asked for something that cannot be.
@@ -74,18 +69,25 @@ fn is_setup_of_files(cause: &(dyn std::error::Error + 'static)) -> bool {
 pub(super) struct UsageError(pub(super) String);
 
 /// How a solved session ends: the worst of how it was run and what the gates say.
-pub(super) fn of_session(end: &End, status: Status, damaged: bool) -> Exit {
-    match end {
-        End::PreflightFailed(_) => return Exit::PreflightFailed,
-        End::OperatorNeeded(_) => return Exit::OperatorNeeded,
-        End::Interrupted => return Exit::Interrupted,
-        End::Aborted(_) => return Exit::Error,
-        End::Complete | End::Cut => {}
+///
+/// A replay says what the recording holds, not how the live session ended.
+pub(super) fn of_session(solved: &Solved, live: bool) -> Exit {
+    match &solved.end {
+        End::PreflightFailed(_) if live => return Exit::PreflightFailed,
+        End::OperatorNeeded(_) if live => return Exit::OperatorNeeded,
+        End::Interrupted if live => return Exit::Interrupted,
+        End::Aborted(_) if live => return Exit::Error,
+        _ => {}
     }
-    match status {
+    of_result(&solved.result)
+}
+
+/// What a result says by itself.
+pub(super) fn of_result(result: &CalibrationResult) -> Exit {
+    match result.verdict.status {
         Status::Fail => Exit::GateFailed,
         Status::Inconclusive => Exit::Warnings,
-        Status::Pass if damaged || *end == End::Cut => Exit::Warnings,
+        Status::Pass if !result.warnings.is_empty() => Exit::Warnings,
         Status::Pass => Exit::Ok,
     }
 }

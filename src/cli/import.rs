@@ -1,9 +1,10 @@
 //! `cellcal import`: turns a foreign data set into a session.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::exit::UsageError;
 use super::progress::{Bar, say};
 use super::{Exit, print};
 use crate::board::Board;
@@ -51,12 +52,18 @@ fn board(text: &str) -> Result<Board, String> {
     Ok(board)
 }
 
+/// Refuses to replace anything but an MCAP file.
+fn refuse_to_replace(path: &Path) -> anyhow::Result<()> {
+    let bytes = std::fs::read(path).map_err(|why| anyhow::anyhow!("{}: {why}", path.display()))?;
+    if crate::recording::scan::is_mcap(&bytes) {
+        return Ok(());
+    }
+    Err(UsageError(format!("{} is no session; --force replaces sessions only", path.display())).into())
+}
+
 impl Import {
     pub(super) fn execute(self) -> anyhow::Result<Exit> {
         let bar = Bar::new("importing");
-        if self.force && self.output.exists() {
-            std::fs::remove_file(&self.output)?;
-        }
         let name = self.name.clone().or_else(|| Some(self.folder.file_name()?.to_str()?.to_owned()));
         // The same folder gives the same session: its id is a hash of what it is called.
         let session_id = sha256(name.clone().unwrap_or_default().as_bytes())[..16].to_owned();
@@ -66,7 +73,20 @@ impl Import {
             Ok((image.width as u32, image.height as u32))
         };
         let mut progress = |done, total| bar.show(done, total);
-        let report = import::import(&self.folder, &self.output, &options, &probe, &mut progress)?;
+        let replacing = self.force && self.output.exists();
+        // An existing session stays until the new one is complete; nothing but a session is ever replaced.
+        let target = if replacing { self.output.with_extension("new.mcap") } else { self.output.clone() };
+        if replacing {
+            refuse_to_replace(&self.output)?;
+            if target.exists() {
+                std::fs::remove_file(&target)?;
+            }
+        }
+        let mut report = import::import(&self.folder, &target, &options, &probe, &mut progress)?;
+        if replacing {
+            std::fs::rename(&target, &self.output)?;
+            report.path.clone_from(&self.output);
+        }
         for notice in &report.notices {
             say(&format!("note: {notice}"));
         }
@@ -75,10 +95,10 @@ impl Import {
                 "session": report.path.display().to_string(), "layout": report.layout, "poses": report.poses,
                 "images": report.images, "event_bytes": report.event_bytes, "notices": report.notices,
             });
-            print(&format!("{}\n", serde_json::to_string_pretty(&made)?));
+            print(&format!("{}\n", serde_json::to_string_pretty(&made)?))?;
         } else {
             let (layout, poses, images) = (&report.layout, report.poses, report.images);
-            print(&format!("{}: layout {layout}, {poses} poses, {images} images\n", report.path.display()));
+            print(&format!("{}: {layout}, {poses} poses, {images} images\n", report.path.display()))?;
         }
         Ok(Exit::Ok)
     }

@@ -87,15 +87,18 @@ fn execute(arguments: Arguments) -> anyhow::Result<Exit> {
     }
 }
 
-/// Writes data to stdout; a reader that has gone away is no error.
-fn print(text: &str) {
+/// Writes data to stdout; a reader that has gone away is no error, a full disk is.
+fn print(text: &str) -> anyhow::Result<()> {
     use std::io::Write as _;
     let mut out = std::io::stdout().lock();
-    let _ = out.write_all(text.as_bytes());
-    let _ = out.flush();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(anyhow::anyhow!("stdout: {error}")),
+        Ok(()) | Err(_) => Ok(()),
+    }
 }
 
 /// Reads a text file; the error names it.
 fn read_text(path: &std::path::Path) -> anyhow::Result<String> {
-    std::fs::read_to_string(path).map_err(|why| anyhow::anyhow!("{}: {why}", path.display()))
+    let wrong = |why| exit::UsageError(format!("{}: {why}", path.display()));
+    Ok(std::fs::read_to_string(path).map_err(wrong)?)
 }

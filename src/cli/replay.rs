@@ -59,7 +59,8 @@ impl Replay {
             Some(folder) => Some(folder.clone()),
             None => (!changed).then(|| folder_of(&self.session)),
         };
-        finish(&solved, folder.as_deref(), self.json)
+        finish(&solved, folder.as_deref(), self.json)?;
+        Ok(exit::of_session(&solved, false))
     }
 
     /// What the user wants changed, said in words.
@@ -67,7 +68,7 @@ impl Replay {
         let mut overrides = Vec::new();
         if let Some(path) = &self.cell {
             let name = path.display().to_string();
-            let read = |why: std::io::Error| SetupError::Override { given: name.clone(), why: why.to_string() };
+            let read = |why: std::io::Error| SetupError::Cell { name: name.clone(), why: why.to_string() };
             let cell = config::parse_cell(&std::fs::read_to_string(path).map_err(read)?, &name)?;
             (setup.settings, setup.gates) = (cell.settings, Some(cell.gates));
             overrides.push(format!("gates and settings of the cell `{}`", cell.name));
@@ -89,35 +90,36 @@ impl Replay {
 
 /// Where the results of a session lie: a folder beside it, named as the session.
 pub(super) fn folder_of(session: &Path) -> PathBuf {
-    session.with_extension("")
+    let name = session.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+    match name.split_once(".mcap") {
+        // The session that was cut off before it had its final name keeps a folder apart.
+        Some((stem, ".partial")) => session.with_file_name(format!("{stem}.partial-results")),
+        Some((stem, _)) if !stem.is_empty() => session.with_file_name(stem),
+        _ => session.with_file_name(format!("{name}.results")),
+    }
 }
 
 fn stored_views(session: &Path) -> anyhow::Result<StoredViews> {
     let path = folder_of(session).join("views.json");
-    let hint = || UsageError(format!("--from views needs {}; replay from pixels once to make it", path.display()));
-    let text = read_text(&path).map_err(|_| hint())?;
+    let hint = |why| UsageError(format!("--from views: {why}; replay from pixels once to make it"));
+    let text = read_text(&path).map_err(hint)?;
     Ok(serde_json::from_str(&text).map_err(|e| UsageError(format!("{}: {e}; replay from pixels", path.display())))?)
 }
 
-/// Writes result, views and report, prints the summary or the JSON, and says how the program ends.
-pub(super) fn finish(solved: &Solved, folder: Option<&Path>, json: bool) -> anyhow::Result<Exit> {
+/// Prints the summary or the JSON, then writes result, views and report.
+pub(super) fn finish(solved: &Solved, folder: Option<&Path>, json: bool) -> anyhow::Result<()> {
     let text = solved.result.to_json()?;
+    // Printed first: what took minutes to solve is not lost to a folder that cannot be written.
+    print(&if json { text.clone() } else { report::terminal(&solved.result) })?;
     if let Some(folder) = folder {
         write_results(solved, &text, folder)?;
+        say(&format!("result and report: {}", folder.display()));
     }
-    if json {
-        print(&text);
-    } else {
-        print(&report::terminal(&solved.result));
-        if let Some(folder) = folder {
-            say(&format!("result and report: {}", folder.display()));
-        }
-    }
-    Ok(exit::of_session(&solved.end, solved.result.verdict.status, !solved.damage.is_empty()))
+    Ok(())
 }
 
 fn write_results(solved: &Solved, json: &str, folder: &Path) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder)?;
+    std::fs::create_dir_all(folder).map_err(|why| anyhow::anyhow!("{}: {why}", folder.display()))?;
     let result = folder.join("result.json");
     if let Ok(before) = std::fs::read_to_string(&result) {
         let same = before == json;
@@ -135,6 +137,6 @@ fn write_results(solved: &Solved, json: &str, folder: &Path) -> anyhow::Result<(
 /// Replaces a file in one step: a reader sees the old or the new one, whole.
 pub(super) fn replace(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let fresh = path.with_extension("new");
-    std::fs::write(&fresh, bytes).and_then(|()| std::fs::rename(&fresh, path))?;
-    Ok(())
+    let written = std::fs::write(&fresh, bytes).and_then(|()| std::fs::rename(&fresh, path));
+    written.map_err(|why| anyhow::anyhow!("{}: {why}", path.display()))
 }

@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::exit::{self, UsageError};
 use super::progress::Bar;
 use super::{Exit, print, replay};
-use crate::calibration::result::CalibrationResult;
+use crate::calibration::result::{CalibrationResult, SCHEMA_VERSION};
 use crate::report;
 use crate::runner::solve::solve_recording;
 
@@ -35,14 +36,20 @@ impl Report {
                 |e| anyhow::anyhow!("{name} is neither a session (MCAP) nor a result.json of this program: {e}");
             serde_json::from_slice(&bytes).map_err(wrong)?
         };
+        if result.schema_version != SCHEMA_VERSION {
+            let found = result.schema_version;
+            return Err(
+                UsageError(format!("{name} has schema_version {found}, this program reads {SCHEMA_VERSION}")).into()
+            );
+        }
         if let Some(path) = &self.html {
             replay::replace(path, report::html(&result).as_bytes())?;
         }
         if self.json {
-            print(&result.to_json()?);
+            print(&result.to_json()?)?;
         } else {
-            print(&report::terminal(&result));
+            print(&report::terminal(&result))?;
         }
-        Ok(Exit::Ok)
+        Ok(exit::of_result(&result))
     }
 }

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 
-use super::exit::UsageError;
+use super::exit::{self, UsageError};
 use super::progress::{Bar, say};
 use super::{Exit, check, read_text, replay};
 use crate::config::{Cell, EventDriver, FrameDriver, IntrinsicsSource, RobotDriver};
@@ -74,7 +74,8 @@ impl Run {
         say(&format!("recorded: {}", path.display()));
         let bar = Bar::new("looking at images");
         let solved = solve_recording(&path, &mut |_| Ok(Vec::new()), None, &|done, total| bar.show(done, total))?;
-        replay::finish(&solved, Some(&replay::folder_of(&path)), self.json)
+        replay::finish(&solved, Some(&replay::folder_of(&path)), self.json)?;
+        Ok(exit::of_session(&solved, true))
     }
 
     /// The name of the session and of its file; two sessions within a second are told apart.
@@ -125,7 +126,7 @@ pub(super) fn load(cell: &Path) -> anyhow::Result<CellTexts> {
                 path.display()
             ))
         })?;
-        trajectories.push((path.display().to_string(), text));
+        trajectories.push((used.file.clone(), text));
     }
     let beside = |key: &str, file: &String| {
         let path = folder.join(file);
@@ -138,7 +139,7 @@ pub(super) fn load(cell: &Path) -> anyhow::Result<CellTexts> {
         IntrinsicsSource::From(file) => Some(beside("intrinsics", file)?),
     };
     let urdf = parsed.robot.urdf.as_ref().map(|file| beside("robot.urdf", file)).transpose()?;
-    Ok(CellTexts { cell: (name, text), trajectories, intrinsics, urdf })
+    Ok(CellTexts { cell: (name, text), folder: folder.into(), trajectories, intrinsics, urdf })
 }
 
 fn about(session_id: String, texts: &CellTexts) -> About {
@@ -158,10 +159,15 @@ fn interrupts() -> anyhow::Result<&'static AtomicBool> {
             let Ok(mut terminate) = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate()) else {
                 return;
             };
+            let Ok(mut hang_up) = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::hangup()) else {
+                return;
+            };
             loop {
                 tokio::select! {
                     _ = tokio::signal::ctrl_c() => {}
                     _ = terminate.recv() => {}
+                    // A lost connection of the operator must not leave the arm moving.
+                    _ = hang_up.recv() => {}
                 }
                 RAISED.store(true, Ordering::Relaxed);
             }

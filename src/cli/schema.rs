@@ -28,7 +28,7 @@ impl Schema {
             File::Cell => config::cell_schema(),
             File::Trajectory => config::trajectory_schema(),
         };
-        print(&format!("{}\n", serde_json::to_string_pretty(&schema)?));
+        print(&format!("{}\n", serde_json::to_string_pretty(&schema)?))?;
         Ok(Exit::Ok)
     }
 }

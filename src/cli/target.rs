@@ -78,9 +78,9 @@ impl Png {
             "square_mm": square_mm.map_or(serde_json::json!("measure it on the panel"), |mm| serde_json::json!(mm)),
         });
         if self.json {
-            print(&format!("{}\n", serde_json::to_string_pretty(&made)?));
+            print(&format!("{}\n", serde_json::to_string_pretty(&made)?))?;
         } else {
-            print(&format!("{}\n{}\n", files[0], files[1]));
+            print(&format!("{}\n{}\n", files[0], files[1]))?;
         }
         Ok(Exit::Ok)
     }
@@ -88,9 +88,10 @@ impl Png {
     /// Whole pixels a square, and the most that the panel has room for with a quiet zone of half a square.
     fn px_per_square(&self, board: &board::Board) -> anyhow::Result<(u32, u32)> {
         let [w, h] = self.panel;
-        let fits = (w / (board.squares_x + 1)).min(h / (board.squares_y + 1));
+        let fits = (w / board.squares_x).min(h / board.squares_y);
+        let with_quiet_zone = (w / (board.squares_x + 1)).min(h / (board.squares_y + 1));
         let px = match self.pitch_mm {
-            None => fits,
+            None => with_quiet_zone,
             Some(pitch) if pitch.is_finite() && pitch > 0.0 => (board.square_m * 1e3 / pitch).round() as u32,
             Some(pitch) => {
                 return Err(UsageError(format!("--pitch-mm {pitch} is no pixel pitch; expected mm above 0")).into());
@@ -99,9 +100,14 @@ impl Png {
         if px < 8 || px > fits {
             let (x, y) = (board.squares_x, board.squares_y);
             return Err(UsageError(format!(
-                "{px} px a square: a {x}x{y} board with its quiet zone needs 8 to {fits} px a square on a {w}x{h} panel; use smaller squares or a larger panel"
+                "{px} px a square: a {x}x{y} board has 8 to {fits} px a square on a {w}x{h} panel; use other squares or another panel"
             ))
             .into());
+        }
+        if px > with_quiet_zone {
+            say(
+                "note: less than half a square of white around the board; keep the bezel of the panel bright or use smaller squares",
+            );
         }
         Ok((px, fits))
     }

@@ -166,6 +166,14 @@ pub struct Stillness {
     pub timeout_s: f64,
 }
 
+impl Stillness {
+    /// The limits for the short time of an exposure: few samples lie in it, and together with those of the
+    /// decision the encoder noise spreads farther.
+    pub fn through_capture(&self) -> Self {
+        Self { min_samples: 2, joint_spread_rad: 2.0 * self.joint_spread_rad, ..self.clone() }
+    }
+}
+
 impl Default for Stillness {
     fn default() -> Self {
         Self {

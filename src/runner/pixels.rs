@@ -76,7 +76,25 @@ pub(super) fn look(
         let events = event_views(recording, setup, size, &windows, &counter);
         put(&mut seen.views, Camera::Event, events);
     }
+    count_lost_views(&shots, setup, &mut seen);
     seen
+}
+
+/// A camera that must have seen a pose but gave nothing has seen no corner there: it counts as missed.
+fn count_lost_views(shots: &[Shot<'_>], setup: &Setup, seen: &mut Seen) {
+    for shot in shots {
+        let Some((pose, views)) = shot.pose.and_then(|p| Some((p, seen.views.get_mut(p)?))) else { continue };
+        for camera in setup.cameras.keys() {
+            let expected = *camera == Camera::Event || shot.exposure.image;
+            if expected && !views.contains_key(camera) {
+                views.insert(*camera, View::default());
+                seen.problems.push(format!(
+                    "pose {}: nothing usable of the {camera} camera is in the recording",
+                    setup.poses[pose].0
+                ));
+            }
+        }
+    }
 }
 
 /// Counts looked-at images for the progress display.

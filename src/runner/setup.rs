@@ -7,11 +7,11 @@ use std::collections::BTreeMap;
 use super::solve::sha256;
 use crate::board::Board;
 use crate::calibration::problem::{CameraSetup, CheckTruth, DistancePair, KnownCamera, KnownCameras};
-use crate::calibration::result::CalibrationResult;
+use crate::calibration::result::{CalibrationResult, SCHEMA_VERSION};
 use crate::calibration::settings::{Carried, Gates, PoseKind, Settings};
 use crate::config::{self, Cell, ConfigError, Stillness};
 use crate::geometry::{
-    Camera,
+    Camera, Pinhole,
     kinematics::{Arm, ModelError},
 };
 use crate::plan::{self, Plan, PlanError};
@@ -96,6 +96,14 @@ pub enum SetupError {
     /// The recording lacks something.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+    /// Another cell file cannot be read.
+    #[error("{name}: {why}")]
+    Cell {
+        /// The file.
+        name: String,
+        /// The reason of the system.
+        why: String,
+    },
     /// The intrinsics to be taken over do not fit.
     #[error("the intrinsics of {source_name} cannot be taken over: {why}")]
     Intrinsics {
@@ -119,7 +127,9 @@ pub enum SetupError {
 pub struct CellTexts {
     /// Name and text of the cell file.
     pub cell: (String, String),
-    /// Name and text of each trajectory file, in the order of the cell.
+    /// Folder of the cell file, for messages; empty in a recording.
+    pub folder: std::path::PathBuf,
+    /// Name as the cell has it and text of each trajectory file, in the order of the cell.
     pub trajectories: Vec<(String, String)>,
     /// Name and text of the result that intrinsics are taken from.
     pub intrinsics: Option<(String, String)>,
@@ -139,12 +149,20 @@ pub struct Planned {
 
 const TRAJECTORY: &str = "trajectory/";
 
+/// Name of a trajectory in a recording and a result: its place and file name, no path of any machine.
+fn trajectory_name(index: usize, file: &str) -> String {
+    let name = file.rsplit('/').next().unwrap_or(file);
+    let known = name.split_once('-').is_some_and(|(n, _)| n == (index + 1).to_string());
+    if known { format!("{TRAJECTORY}{name}") } else { format!("{TRAJECTORY}{}-{name}", index + 1) }
+}
+
 impl CellTexts {
     /// As attachments of a recording.
     pub fn attachments(&self) -> Vec<Attachment> {
         let of = |name: String, text: &str| Attachment { name, data: text.as_bytes().to_vec() };
         let mut all = vec![of("cell.yaml".into(), &self.cell.1)];
-        all.extend(self.trajectories.iter().map(|(name, text)| of(format!("{TRAJECTORY}{name}"), text)));
+        let named = self.trajectories.iter().enumerate();
+        all.extend(named.map(|(i, (name, text))| of(trajectory_name(i, name), text)));
         all.extend(self.urdf.iter().map(|(_, text)| of("robot.urdf".into(), text)));
         all.extend(self.intrinsics.iter().map(|(_, text)| of("intrinsics.json".into(), text)));
         all
@@ -158,7 +176,7 @@ impl CellTexts {
         let trajectories = names.map(trajectory).collect::<Result<_, RecordingError>>()?;
         let optional = |name: &str| recording.text(name).ok().map(|text| (name.to_owned(), text.to_owned()));
         let (intrinsics, urdf) = (optional("intrinsics.json"), optional("robot.urdf"));
-        Ok(Self { cell, trajectories, intrinsics, urdf })
+        Ok(Self { cell, folder: std::path::PathBuf::new(), trajectories, intrinsics, urdf })
     }
 
     /// Checks everything and plans the session.
@@ -166,7 +184,8 @@ impl CellTexts {
         let cell = config::parse_cell(&self.cell.1, &self.cell.0)?;
         let mut parsed = Vec::new();
         for (used, (name, text)) in cell.trajectories.iter().zip(&self.trajectories) {
-            parsed.push((used.purpose, config::parse_trajectory(text, name)?));
+            let shown = self.folder.join(name).display().to_string();
+            parsed.push((used.purpose, config::parse_trajectory(text, &shown)?));
         }
         let arm = match &self.urdf {
             None => Arm::ur5e(),
@@ -175,8 +194,8 @@ impl CellTexts {
         let plan = plan::expand_with(&cell, &arm, &parsed)?;
         let mut setup = Setup::of_cell(&cell, &plan);
         setup.sha256.insert("cell".into(), sha256(self.cell.1.as_bytes()));
-        for (name, text) in &self.trajectories {
-            setup.sha256.insert(format!("{TRAJECTORY}{name}"), sha256(text.as_bytes()));
+        for (i, (name, text)) in self.trajectories.iter().enumerate() {
+            setup.sha256.insert(trajectory_name(i, name), sha256(text.as_bytes()));
         }
         if let Some((name, text)) = &self.intrinsics {
             setup.take_intrinsics(name, text)?;
@@ -189,7 +208,15 @@ impl Setup {
     /// The setup that a recording was made with.
     pub fn of_recording(recording: &Recording) -> Result<Self, SetupError> {
         match recording.about.kind {
-            Kind::Live => Ok(CellTexts::of_recording(recording)?.plan()?.setup),
+            Kind::Live => {
+                let texts = CellTexts::of_recording(recording)?;
+                let (now, then) = (sha256(texts.cell.1.as_bytes()), recording.about.facts.get("cell_sha256"));
+                if then.is_some_and(|then| *then != now) {
+                    let what = "its cell.yaml is not the one that it was recorded with (SHA-256 differs)".into();
+                    return Err(RecordingError::Broken { path: recording.path.clone(), what }.into());
+                }
+                Ok(texts.plan()?.setup)
+            }
             Kind::Imported => Ok(Self::of_import(recording.import_setup()?)),
         }
     }
@@ -247,6 +274,12 @@ impl Setup {
         let refuse = |why: String| SetupError::Intrinsics { source_name: source_name.into(), why };
         let result: CalibrationResult =
             serde_json::from_str(text).map_err(|e| refuse(format!("it is no result.json of this program: {e}")))?;
+        if result.schema_version != SCHEMA_VERSION {
+            return Err(refuse(format!(
+                "its schema_version is {}, this program reads {SCHEMA_VERSION}",
+                result.schema_version
+            )));
+        }
         let mut cameras = BTreeMap::new();
         for (camera, setup) in &self.cameras {
             let Some(found) = result.cameras.get(camera) else {
@@ -258,6 +291,11 @@ impl Setup {
             }
             same(*camera, "serial", found.serial.as_deref(), setup.serial.as_deref()).map_err(refuse)?;
             same(*camera, "lens", found.lens.as_deref(), setup.lens.as_deref()).map_err(refuse)?;
+            let Pinhole { fx, fy, cx, cy, distortion, .. } = found.pinhole();
+            let is_lens = fx > 0.0 && fy > 0.0 && [fx, fy, cx, cy].iter().chain(&distortion).all(|v| v.is_finite());
+            if !is_lens {
+                return Err(refuse(format!("its {camera} camera has fx {fx}, fy {fy}, cx {cx}, cy {cy}: no camera")));
+            }
             let (serial, lens) = (found.serial.clone(), found.lens.clone());
             cameras.insert(*camera, KnownCamera { pinhole: found.pinhole(), serial, lens });
         }
@@ -276,7 +314,11 @@ impl Setup {
         // A bare word is a name, such as a solver's.
         let value = serde_json::from_str(value).unwrap_or_else(|_| serde_json::Value::String(value.into()));
         match key.split_once('.') {
-            Some(("settings", field)) => self.settings = patched(&self.settings, field, value).map_err(fail)?,
+            Some(("settings", field)) => {
+                let settings: Settings = patched(&self.settings, field, value).map_err(fail)?;
+                settings.check().map_err(fail)?;
+                self.settings = settings;
+            }
             Some(("gates", field)) => {
                 let gates = self.gates.clone().unwrap_or_default();
                 self.gates = Some(patched(&gates, field, value).map_err(fail)?);

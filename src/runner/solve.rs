@@ -6,13 +6,14 @@ use sha2::{Digest as _, Sha256};
 
 use super::pixels::{self, Seen};
 use super::replay::{Diverged, Replay};
-use super::setup::{Setup, SetupError};
+use super::setup::{MachineSpec, Setup, SetupError};
 use super::{World, run};
+use crate::calibration::gates::Status;
 use crate::calibration::problem::{PoseData, Problem};
 use crate::calibration::result::{CalibrationResult, NotWritable};
 use crate::calibration::solve::{self, Origin};
 use crate::recording::{Recording, RecordingError};
-use crate::session::{End, Outcome};
+use crate::session::{End, Outcome, Salvage};
 
 /// Why a recording gives no result.
 #[derive(Debug, thiserror::Error)]
@@ -91,17 +92,32 @@ pub fn solve_recording(
     result.timing = views.seen.timing.clone().map(Into::into);
     result.warnings.extend(views.seen.problems.iter().cloned());
     result.warnings.extend(recording.damage.iter().map(|d| format!("the recording is damaged: {d}")));
-    result.warnings.extend(unfinished(&outcome.end));
+    if let Some(why) = unfinished(&outcome.end) {
+        if result.verdict.status == Status::Pass {
+            // What was judged was kept, but it is not what the cell asks for.
+            result.verdict.status = Status::Inconclusive;
+            result.verdict.reasons.push(why.clone());
+        }
+        result.warnings.push(why);
+    }
     Ok(Solved { result, views, end: outcome.end, damage: recording.damage })
 }
 
 /// Runs the session's machine against the recording.
+///
+/// Where a damaged recording makes the machine decide differently, what each capture still proves counts.
 fn replay(recording: &Recording, setup: &Setup) -> Result<Outcome, Diverged> {
     let mut world = Replay::new(recording);
-    setup.machine.clone().run(&mut world)
+    let outcome = setup.machine.clone().run(&mut world);
+    match &setup.machine {
+        MachineSpec::Live { stops, limits, .. } if outcome.is_err() && !recording.damage.is_empty() => {
+            run(Salvage::new(stops.len(), limits), &mut Replay::new(recording))
+        }
+        MachineSpec::Live { .. } | MachineSpec::Imported { .. } => outcome,
+    }
 }
 
-impl super::setup::MachineSpec {
+impl MachineSpec {
     /// Runs the machine that this describes in `world`.
     pub fn run<W: World>(self, world: &mut W) -> Result<Outcome, W::Error> {
         match self {

@@ -144,7 +144,7 @@ impl Live {
         let start_s = captured.exposures.first().map_or(decided.seconds(), |e| e.start_s);
         // Without a frame camera the events run from the decision to the delivery.
         let end_s = captured.exposures.last().map_or(at.seconds(), |e| e.end_s);
-        if !self.history.kept_limits(&self.limits_through_capture(), decided.seconds(), end_s) {
+        if !self.history.kept_limits(&self.limits.through_capture(), decided.seconds(), end_s) {
             return Some(self.repeat(pose, attempt, "the arm moved during the exposure"));
         }
         self.poses[pose] = PoseRecord {
@@ -154,12 +154,6 @@ impl Live {
             skipped: None,
         };
         Some(self.go_to(pose + 1))
-    }
-
-    /// Between decision and exposure end few samples may lie, and encoder noise spreads over more of them.
-    fn limits_through_capture(&self) -> Limits {
-        let joint_spread_rad = 2.0 * self.limits.joint_spread_rad;
-        Limits { min_samples: 2, joint_spread_rad, ..self.limits.clone() }
     }
 
     fn repeat(&mut self, pose: usize, attempt: u32, why: &str) -> Command {

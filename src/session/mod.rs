@@ -1,17 +1,19 @@
 //! The session: what to do next, given what has happened. Sans-IO state machines.
 //!
 //! No I/O, no clock, no threads: time arrives with each input. Uses `geometry` and `config`. Start at
-//! [`types`], the words that are logged; [`Live`] walks a trajectory, [`Imported`] only collects.
+//! [`types`], the words that are logged; [`Live`] walks a trajectory, [`Imported`] only collects, [`Salvage`] reads what damage has left.
 
 mod imported;
 mod live;
 mod preflight;
+mod salvage;
 mod stillness;
 pub mod types;
 
 pub use imported::Imported;
 pub use live::{Live, Stop};
 pub use preflight::{Expected, Finding};
+pub use salvage::Salvage;
 pub use stillness::Evidence;
 pub use types::{Captured, Command, Declared, ExecutorState, Exposure, Input, MoveTarget, RobotSample, Stamp};
 

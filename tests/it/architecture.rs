@@ -39,6 +39,10 @@ fn sources(path: &Path) -> Vec<(PathBuf, String)> {
         let entries = fs::read_dir(path).unwrap().map(|e| e.unwrap().path());
         return entries.flat_map(|p| sources(&p)).collect();
     }
+    let of_tests = path.components().any(|c| ["tests", "tests.rs", "fixture.rs"].iter().any(|t| c.as_os_str() == *t));
+    if of_tests {
+        return Vec::new();
+    }
     let is_rust = path.extension().is_some_and(|e| e == "rs");
     if is_rust { vec![(path.into(), fs::read_to_string(path).unwrap())] } else { Vec::new() }
 }

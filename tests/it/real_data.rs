@@ -72,10 +72,11 @@ fn with_foreign_intrinsics_the_outlier_stands_out() {
     }
     known["cameras"]["rgb"]["distortion"] = serde_json::json!([0.0, 0.0, 0.0, 0.0, 0.0]);
     std::fs::write(&result, known.to_string()).unwrap();
-    let what_if = ["--intrinsics", text(&result), "--set", "settings.reject_view_above_px=50"];
+    let what_if =
+        ["--intrinsics", text(&result), "--set", "settings.reject_view_above_px=50", "--set", "settings.min_corners=5"];
     let output = expect(3, &[&["replay", text(&session), "--json"][..], &what_if].concat());
     let with_foreign = json(&output);
-    assert!(with_foreign["overrides"].as_array().unwrap().len() == 2, "{with_foreign:#}");
+    assert!(with_foreign["overrides"].as_array().unwrap().len() == 3, "{with_foreign:#}");
     let reason = with_foreign["poses"][15]["reason"].as_str().unwrap_or_default();
     assert!(reason.contains("outlier"), "image 15 is not named: {reason}");
 }

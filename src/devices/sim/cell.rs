@@ -19,7 +19,7 @@ use crate::geometry::{Base, Camera, Event, Pinhole, Rgb, Sensor, Tcp, Transform,
 /// Pixels a square of the simulated display.
 const PX_PER_SQUARE: u32 = 48;
 /// Point spread of the lenses, standard deviation, px.
-const PSF_SIGMA_PX: [f64; 2] = [0.9, 0.85];
+const PSF_SIGMA_PX: [f64; 2] = [1.0, 0.85];
 /// The clocks differ by up to this, s, and by about this, ppm.
 const EVENT_OFFSET_S: [f64; 2] = [2.0, 9.0];
 const EVENT_DRIFT_PPM: f64 = 12.0;

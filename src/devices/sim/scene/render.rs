@@ -175,24 +175,39 @@ impl<'a> Caster<'a> {
         let emission = emission.at(hit.point_m);
         let texels = hit.point_m * panel.texels_per_m;
         let shares = panel.texture.quarters(texels.x, texels.y, &(slope_m * panel.texels_per_m));
+        let scan = panel.scan(hit.point_m.y) as f32;
+        // Half the width of a quarter along x and y of the board.
+        let half_m = [0, 1].map(|i| 0.25 * slope_m.row(i).norm().max(1e-12));
+        if self.lies_within(&hit, half_m) {
+            return Seen { cd_m2: shares.map(|quarter| quarter.map(|share| emission.luminance(share))), scan };
+        }
         let quarter = |q: usize| {
-            let offset = Vector2::new(if q.is_multiple_of(2) { -0.25 } else { 0.25 }, if q < 2 { -0.25 } else { 0.25 });
-            let point_m = hit.point_m + slope_m * offset;
-            let body = self.covered(point_m, &slope_m, panel.margin_m + panel.bezel_m);
-            let lit = self.covered(point_m, &slope_m, panel.margin_m);
+            let side = |second: bool| if second { 0.25 } else { -0.25 };
+            let point_m = hit.point_m + slope_m * Vector2::new(side(q % 2 == 1), side(q > 1));
+            let body = self.covered(point_m, half_m, panel.margin_m + panel.bezel_m);
+            let lit = self.covered(point_m, half_m, panel.margin_m);
             let around = background + body * (bezel - background);
             shares[q].map(|share| around + lit * (emission.luminance(share) - around))
         };
-        Seen { cd_m2: [0, 1, 2, 3].map(quarter), scan: panel.scan(hit.point_m.y) as f32 }
+        Seen { cd_m2: [0, 1, 2, 3].map(quarter), scan }
+    }
+
+    /// Whether a pixel lies on the lit part of the display altogether.
+    fn lies_within(&self, hit: &Hit, half_m: [f64; 2]) -> bool {
+        let border_m = self.panel.margin_m;
+        // Three half widths from the pixel's centre contain every quarter at any angle.
+        (0..2).all(|i| {
+            let room_m = 3.0 * half_m[i];
+            (room_m - border_m..=self.panel.size_m[i] + border_m - room_m).contains(&hit.point_m[i])
+        })
     }
 
     /// Share of a quarter of a pixel that lies on the board with `border_m` around it.
-    fn covered(&self, point_m: Vector2<f64>, slope_m: &Matrix2<f64>, border_m: f64) -> f32 {
+    fn covered(&self, point_m: Vector2<f64>, half_m: [f64; 2], border_m: f64) -> f32 {
         let axis = |i: usize| {
-            let half = 0.25 * slope_m[(i, 0)].hypot(slope_m[(i, 1)]).max(1e-12);
-            let (low, high) = (point_m[i] - half, point_m[i] + half);
+            let (low, high) = (point_m[i] - half_m[i], point_m[i] + half_m[i]);
             let inside = high.min(self.panel.size_m[i] + border_m) - low.max(-border_m);
-            (inside / (2.0 * half)).clamp(0.0, 1.0)
+            (inside / (2.0 * half_m[i])).clamp(0.0, 1.0)
         };
         (axis(0) * axis(1)) as f32
     }

@@ -65,7 +65,7 @@ impl Texture {
     fn supersampled(&self, u: f32, v: f32, slope: &Matrix2<f32>) -> [Shares; 4] {
         let step = 1.0 / SUBSAMPLES as f32;
         // A box as wide as one step: an edge along the grid then moves the mean smoothly, not in jumps.
-        let half = |row: usize| (0.5 * step * slope[(row, 0)].hypot(slope[(row, 1)])).clamp(1e-3, 0.5);
+        let half = |row: usize| (0.5 * step * slope.row(row).norm()).clamp(1e-3, 0.5);
         let (half_u, half_v) = (half(0), half(1));
         let mut sums = [[0.0; 2]; 4];
         for j in 0..SUBSAMPLES {
