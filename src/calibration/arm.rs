@@ -9,6 +9,7 @@ use super::hand_eye::{self, HandEyeMethod, Pair, Residual, Solution, Uncertainty
 use super::observability::{self, Observability};
 use super::problem::Problem;
 use super::settings::{Carried, PoseKind};
+use crate::board::View;
 use crate::geometry::{Camera, Sensor, Target, Transform};
 
 /// A pose is an outlier when it lies this many times farther from where the others put it than the median does.
@@ -43,7 +44,8 @@ pub struct SolvedArm<S> {
 
 /// Robot pose and board pose of every pose that has both, by index of the pose.
 ///
-/// A view that the camera's own solve left out is left out here too.
+/// A view that was too poor to solve the camera from still gives a board pose; it is left out where even the
+/// board pose fits worse than twice the limit for views.
 pub fn pairs(
     problem: &Problem,
     camera: Camera,
@@ -52,21 +54,21 @@ pub fn pairs(
     let (mut found, mut missing) = (BTreeMap::new(), BTreeMap::new());
     for (index, pose) in problem.poses.iter().enumerate() {
         let (Some(base_from_tcp), Some(view)) = (pose.base_from_tcp, pose.views.get(&camera)) else { continue };
-        if let Some(why) = solved.views.get(&index).and_then(|v| v.rejected.clone()) {
-            missing.insert(index, format!("{camera}: {why}"));
-            continue;
-        }
-        match cameras::board_pose(&problem.board, view, &solved.pinhole, problem.settings.pnp) {
-            Ok(pose) => {
-                let camera_from_target: Transform<Sensor, Target> = pose.camera_from_target;
-                found.insert(index, Pair { base_from_tcp, camera_from_target });
-            }
-            Err(error) => {
-                missing.insert(index, format!("{camera}: {error}"));
-            }
+        match board_pose(problem, view, solved) {
+            Ok(camera_from_target) => drop(found.insert(index, Pair { base_from_tcp, camera_from_target })),
+            Err(why) => drop(missing.insert(index, format!("{camera}: {why}"))),
         }
     }
     (found, missing)
+}
+
+fn board_pose(problem: &Problem, view: &View, solved: &SolvedCamera) -> Result<Transform<Sensor, Target>, String> {
+    cameras::usable(&problem.board, view, &problem.settings)?;
+    let pose =
+        cameras::board_pose(&problem.board, view, &solved.pinhole, problem.settings.pnp).map_err(|e| e.to_string())?;
+    let limit_px = 2.0 * problem.settings.reject_view_above_px;
+    let fits = pose.rms_px <= limit_px;
+    if fits { Ok(pose.camera_from_target) } else { Err(format!("rms {:.2} px is above {limit_px} px", pose.rms_px)) }
 }
 
 /// Solves the set-up `S` from the poses that are for hand-eye.

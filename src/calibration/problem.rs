@@ -25,8 +25,8 @@ pub struct Problem {
     pub poses: Vec<PoseData>,
     /// Known distances between poses.
     pub pairs: Vec<DistancePair>,
-    /// What the checks compare with.
-    pub checks: CheckTruth,
+    /// What the checks compare with; absent where nothing is said.
+    pub checks: Option<CheckTruth>,
     /// How to solve.
     pub settings: Settings,
     /// What must hold; absent for imports without a cell.

@@ -40,6 +40,9 @@ pub fn solve(problem: &Problem, origin: Origin) -> CalibrationResult {
     let poses = problem.poses.iter().enumerate().map(|(i, p)| pose_result(i, p, &cameras, &arm)).collect();
     let mut warnings = Vec::new();
     warnings.append(&mut arm.warnings);
+    if problem.robot_poses {
+        warnings.extend(verify::missing_pairs(problem, arm.checks.base_distance.as_ref()));
+    }
     let cameras = cameras.iter().map(|(c, s)| (*c, camera_result(problem, *c, s))).collect();
     let mut result = CalibrationResult {
         schema_version: SCHEMA_VERSION,
@@ -256,6 +259,9 @@ fn pose_result(index: usize, pose: &PoseData, cameras: &BTreeMap<Camera, SolvedC
         let fit = cameras.get(camera).and_then(|c| c.views.get(&index));
         reasons.extend(fit.and_then(|f| f.rejected.as_ref()).map(|why| format!("{camera}: {why}")));
         let used = fit.is_some_and(|f| f.rejected.is_none());
+        if !cameras.contains_key(camera) {
+            reasons.push(format!("{camera}: the camera could not be solved"));
+        }
         seen.insert(*camera, PoseCamera { corners: view.corners.len(), rms_px: fit.and_then(|f| f.rms_px), used });
     }
     if let Some(why) = arm.rejected.get(&index).filter(|why| !reasons.contains(*why)) {

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use super::arm::SolvedArm;
 use super::checks::{self, BaseDistance, CheckedCorner, Sighting};
 use super::hand_eye::{EyeInHand, EyeToHand, Pair};
-use super::problem::Problem;
+use super::problem::{CheckTruth, Problem};
 use super::result::ChecksResult;
 use super::settings::PoseKind;
 
@@ -17,8 +17,11 @@ pub(super) fn to_hand(problem: &Problem, pairs: &BTreeMap<usize, Pair>, solved: 
     let Some(corner) = corner(problem) else { return ChecksResult::default() };
     let sightings = sightings(problem, pairs, Some(&solved.rejected));
     let without = by_id(problem, &solved.without);
+    let declared = problem.checks.is_some();
     ChecksResult {
-        target_to_tcp: checks::target_to_tcp(&corner, &solved.solution, &without, &sightings),
+        target_to_tcp: declared
+            .then_some(())
+            .and_then(|()| checks::target_to_tcp(&corner, &solved.solution, &without, &sightings)),
         target_in_base: None,
         base_distance: checks::base_distance(&corner, Some(&solved.solution), &problem.pairs, &sightings),
     }
@@ -42,10 +45,20 @@ pub(super) fn distances_only(problem: &Problem, pairs: &BTreeMap<usize, Pair>) -
     checks::base_distance(&corner(problem)?, None, &problem.pairs, &sightings)
 }
 
+/// Pairs whose distance could not be measured, in words.
+pub(super) fn missing_pairs(problem: &Problem, measured: Option<&BaseDistance>) -> Option<String> {
+    let known = |name: &str| measured.is_some_and(|m| m.per_pair.iter().any(|p| p.pair == name));
+    let missing: Vec<_> = problem.pairs.iter().map(|p| p.name.as_str()).filter(|n| !known(n)).collect();
+    let (count, all) = (missing.len(), problem.pairs.len());
+    (count > 0).then(|| format!("base distance: {count} of {all} pairs could not be measured: {}", missing.join(", ")))
+}
+
+/// The corner that the cell declares; without a declaration the paper's corner 9 serves the distances.
 fn corner(problem: &Problem) -> Option<CheckedCorner> {
-    let corner_id = problem.checks.corner_id;
-    let corner_in_target = problem.board.corner(corner_id)?;
-    Some(CheckedCorner { corner_id, corner_in_target, truth_m: problem.checks.target_to_tcp_m })
+    let last = (problem.board.corner_count() as u32).checked_sub(1)?;
+    let declared = problem.checks.unwrap_or(CheckTruth { corner_id: last.min(9), target_to_tcp_m: None });
+    let CheckTruth { corner_id, target_to_tcp_m: truth_m } = declared;
+    Some(CheckedCorner { corner_id, corner_in_target: problem.board.corner(corner_id)?, truth_m })
 }
 
 fn sightings(

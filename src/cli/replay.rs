@@ -111,6 +111,9 @@ pub(super) fn finish(solved: &Solved, folder: Option<&Path>, json: bool) -> anyh
     let text = solved.result.to_json()?;
     // Printed first: what took minutes to solve is not lost to a folder that cannot be written.
     print(&if json { text.clone() } else { report::terminal(&solved.result) })?;
+    if json {
+        solved.result.warnings.iter().for_each(|w| say(&format!("warning: {w}")));
+    }
     if let Some(folder) = folder {
         write_results(solved, &text, folder)?;
         say(&format!("result and report: {}", folder.display()));

@@ -49,7 +49,7 @@ pub enum RecordingError {
     },
     /// An MCAP file of something else.
     #[error(
-        "{path} is an MCAP file, but not a cellcal session (library `{library}`, {messages} messages); import it first"
+        "{path} is an MCAP file, but not a cellcal session (library `{library}`, {messages} messages); `cellcal import` takes folders, not bags yet"
     )]
     Foreign {
         /// The file.

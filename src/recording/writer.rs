@@ -40,7 +40,10 @@ impl Writer {
         let partial = path.with_extension("mcap.partial");
         let io = |why| RecordingError::Io { path: partial.clone(), why };
         if path.exists() {
-            let why = std::io::Error::new(std::io::ErrorKind::AlreadyExists, "exists already; choose another name");
+            let why = std::io::Error::new(
+                std::io::ErrorKind::AlreadyExists,
+                "exists already; choose another name (import: or --force)",
+            );
             return Err(RecordingError::Io { path: path.into(), why });
         }
         if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {

@@ -196,9 +196,10 @@ fn event_windows(
     outcome: &Outcome,
     seen: &mut Seen,
 ) -> Vec<(usize, Window)> {
+    // Poses are counted from 1 in what people read.
     let exposures: Vec<_> = shots
         .iter()
-        .map(|s| ExposureTime { pose: s.taken_at, start_host_s: s.exposure.start_s, end_host_s: s.exposure.end_s })
+        .map(|s| ExposureTime { pose: s.taken_at + 1, start_host_s: s.exposure.start_s, end_host_s: s.exposure.end_s })
         .collect();
     let channel = setup.trigger_channel;
     if exposures.is_empty() {

@@ -35,8 +35,8 @@ pub struct Setup {
     pub poses: Vec<(String, PoseKind)>,
     /// Known distances.
     pub pairs: Vec<DistancePair>,
-    /// What the checks compare with.
-    pub checks: CheckTruth,
+    /// What the checks compare with; absent where nothing is said.
+    pub checks: Option<CheckTruth>,
     /// How to solve.
     pub settings: Settings,
     /// What must hold.
@@ -232,7 +232,7 @@ impl Setup {
             machine: MachineSpec::Imported { poses: import.poses.len() },
             poses: import.poses.into_iter().map(|p| (p.id, p.kind)).collect(),
             pairs: import.pairs,
-            checks: import.checks.unwrap_or_default(),
+            checks: import.checks,
             settings: Settings::default(),
             gates: None,
             known: None,
@@ -254,7 +254,7 @@ impl Setup {
             cameras: cameras(cell),
             poses: plan.poses.iter().map(|p| (p.id.clone(), p.kind)).collect(),
             pairs: pairs(plan),
-            checks: CheckTruth { corner_id: cell.checks.corner_id, target_to_tcp_m: cell.checks.target_to_tcp_m },
+            checks: Some(CheckTruth { corner_id: cell.checks.corner_id, target_to_tcp_m: cell.checks.target_to_tcp_m }),
             settings: cell.settings.clone(),
             gates: Some(cell.gates.clone()),
             known: None,

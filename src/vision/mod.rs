@@ -28,25 +28,28 @@ fn or_negative(board: &Board, image: &GrayImage, look: Look) -> Result<View, CvE
     if view.corners.is_empty() { charuco::find_corners(board, &image.inverted(), look) } else { Ok(view) }
 }
 
-/// One view of several images of the same pose: the mean of each corner that most of them show.
+/// One view of several images of the same pose: the mean of each corner that at least half of them show.
+///
+/// Images without any corner have no say; positions that do not agree within 2 px are no corner.
 pub fn fuse(views: &[View]) -> View {
+    let views: Vec<&View> = views.iter().filter(|v| !v.corners.is_empty()).collect();
     let mut all: Vec<Corner> = views.iter().flat_map(|v| v.corners.iter().copied()).collect();
     all.sort_by_key(|c| c.id);
-    let corners = all.chunk_by(|a, b| a.id == b.id).filter(|seen| 2 * seen.len() > views.len());
-    View { corners: corners.map(mean).collect() }
+    let corners = all.chunk_by(|a, b| a.id == b.id).filter(|seen| 2 * seen.len() >= views.len());
+    View { corners: corners.filter_map(mean).collect() }
 }
 
-/// Mean of the positions of one corner; those more than 1 px from the median are left out.
-fn mean(seen: &[Corner]) -> Corner {
+/// Mean of the positions of one corner within 1 px of their median; `None` where fewer than half are.
+fn mean(seen: &[Corner]) -> Option<Corner> {
     let median = [0, 1].map(|axis| median(seen.iter().map(|c| c.px[axis]).collect()));
     let near = |c: &&Corner| (c.px[0] - median[0]).hypot(c.px[1] - median[1]) <= 1.0;
-    let (mut sum, mut count) = ([0.0; 2], 0.0);
+    let (mut sum, mut count) = ([0.0; 2], 0_u32);
     for corner in seen.iter().filter(near) {
         sum = [sum[0] + corner.px[0], sum[1] + corner.px[1]];
-        count += 1.0;
+        count += 1;
     }
-    let px = if count > 0.0 { sum.map(|s| s / count) } else { median };
-    Corner { id: seen[0].id, px }
+    let agreed = 2 * count as usize >= seen.len() && count > 0;
+    agreed.then(|| Corner { id: seen[0].id, px: sum.map(|s| s / f64::from(count)) })
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
@@ -70,6 +73,14 @@ mod tests {
         assert_eq!(ids, [1, 2]);
         assert!((fused.px(1).unwrap()[0] - 10.1).abs() < 1e-12);
         assert!((fused.px(2).unwrap()[1] - 40.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn one_failed_window_of_two_takes_nothing_away() {
+        let good = view(&[(1, 10.0), (2, 20.0)]);
+        assert_eq!(fuse(&[View::default(), good.clone()]), good);
+        assert_eq!(fuse(&[view(&[(1, 10.0)]), good.clone()]), good);
+        assert!(fuse(&[view(&[(1, 10.0)]), view(&[(1, 15.0)])]).corners.is_empty(), "two that disagree are no corner");
     }
 
     #[test]

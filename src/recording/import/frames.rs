@@ -105,7 +105,7 @@ fn check_order(frames: &[Frame], poses: &[Pose]) -> Result<(), ImportError> {
         let expected = earlier.map_or(first_index, |earlier| earlier.index + 1);
         if frame.index != expected {
             return Err(frame.place.wrong(format!(
-                "index_in_pose is {}, expected {expected} for pose `{id}`; a row is missing or doubled (an exposure \
+                "index_in_pose is {}, expected {expected} for pose `{id}`; a row is missing, doubled or extra (an exposure \
                  without image has an empty path)",
                 frame.index
             )));

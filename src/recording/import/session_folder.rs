@@ -143,7 +143,7 @@ fn events(source: &mut Source, json: &SessionJson, frames: &[Frame]) -> Result<O
     if rising != expected {
         source.note(format!(
             "{} has {rising} rising edges on channel {channel}, {exposures} exposures and {visited} closing pulses \
-             would give {expected}: triggers are missing or doubled",
+             would give {expected}: triggers are missing, doubled or extra",
             camera.raw
         ));
     }

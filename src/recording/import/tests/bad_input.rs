@@ -294,8 +294,10 @@ fn files_cut_anywhere_are_refused_or_noted_and_never_panic() {
                 // The last digits of a table and the events after a cut cannot be missed; the cut in the events is seen.
                 Ok(report) => {
                     fs::remove_file(report.path).unwrap();
-                    let noted =
-                        report.notices.iter().any(|n| n.contains("missing or doubled") || n.contains("into a word"));
+                    let noted = report
+                        .notices
+                        .iter()
+                        .any(|n| n.contains("missing, doubled or extra") || n.contains("into a word"));
                     assert!(name != "events.raw" || noted || cut + 2000 > whole.len(), "{cut}: {:?}", report.notices);
                 }
                 Err(_) => assert!(!fixture.output().with_extension("mcap.partial").exists()),
