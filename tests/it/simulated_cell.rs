@@ -56,12 +56,14 @@ fn the_main_job_passes_and_finds_what_is_true() {
     let off_m = (vector(result, "/hand_eye/base_from_camera/translation_m")
         - truth.mount_of_camera.iso().translation.vector)
         .norm();
+    eprintln!("hand-eye: {:.2} mm from the truth", off_m * 1e3);
     assert!(off_m < 0.015, "the camera is {off_m} m from where it is");
     let turned =
         rotation(result, "/hand_eye/base_from_camera/quaternion_xyzw").angle_to(&truth.mount_of_camera.rotation());
     assert!(turned.to_degrees() < 1.0, "the camera is turned by {} deg", turned.to_degrees());
     let off_m =
         (vector(result, "/stereo/event_from_rgb/translation_m") - truth.event_from_rgb.iso().translation.vector).norm();
+    eprintln!("stereo: {:.2} mm from the truth", off_m * 1e3);
     assert!(off_m < 0.008, "the stereo translation is {off_m} m off");
 
     // The frame camera's corners are good to a tenth of a pixel over 1,700 points.
