@@ -5,13 +5,10 @@ use std::path::PathBuf;
 use clap::Args;
 use serde_json::json;
 
-use super::run::load;
+use super::cell::{load, observability_of};
 use super::{Exit, print};
-use crate::calibration::observability::{self, Observability};
-use crate::calibration::settings::{Carried, PoseKind};
-use crate::config::Cell;
+use crate::calibration::settings::PoseKind;
 use crate::cv::charuco;
-use crate::plan::Plan;
 use crate::runner::setup::Planned;
 
 /// Checks a cell, its trajectories, reach, limits and duration; needs no hardware.
@@ -57,25 +54,5 @@ impl Check {
             print(&text)?;
         }
         Ok(if refused.is_some() { Exit::Usage } else { Exit::Ok })
-    }
-}
-
-/// How well the hand-eye poses span space, and why they would be refused; neither where there are none.
-pub(super) fn observability_of(cell: &Cell, plan: &Plan) -> (Option<Observability>, Option<String>) {
-    let for_arm = plan.poses.iter().filter(|p| p.kind == PoseKind::HandEye);
-    let poses: Vec<_> = for_arm.map(|p| p.base_from_tcp).collect();
-    if poses.is_empty() {
-        return (None, None);
-    }
-    let found = match cell.carried {
-        Carried::Target => observability::carried_target(&poses),
-        Carried::Cameras => observability::carried_cameras(&poses),
-    };
-    match found {
-        Ok(observability) => {
-            let refused = observability.check().err().map(|e| e.to_string());
-            (Some(observability), refused)
-        }
-        Err(error) => (None, Some(error.to_string())),
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! Uses everything. Start at [`main`].
 
+mod cell;
 mod check;
 mod events;
 mod exit;

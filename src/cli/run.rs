@@ -1,6 +1,6 @@
 //! `cellcal run`: a session, from the cell file to the verdict.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -8,8 +8,8 @@ use clap::Args;
 
 use super::exit::{self, UsageError};
 use super::progress::{Bar, say};
-use super::{Exit, check, read_text, replay};
-use crate::config::{Cell, EventDriver, FrameDriver, IntrinsicsSource, RobotDriver};
+use super::{Exit, cell, replay};
+use crate::config::{Cell, EventDriver, FrameDriver, RobotDriver};
 use crate::devices::sim::cell::SimCell;
 use crate::plan::Plan;
 use crate::recording::{About, FORMAT_VERSION, Kind, Writer};
@@ -47,10 +47,10 @@ fn time_scale(text: &str) -> Result<f64, String> {
 
 impl Run {
     pub(super) fn execute(self) -> anyhow::Result<Exit> {
-        let texts = load(&self.cell)?;
+        let texts = cell::load(&self.cell)?;
         let Planned { cell, plan, setup } = texts.plan()?;
         self.refuse_what_has_no_driver(&cell)?;
-        if let (_, Some(why)) = check::observability_of(&cell, &plan) {
+        if let (_, Some(why)) = cell::observability_of(&cell, &plan) {
             return Err(UsageError(format!("{}: no motion: {why}", self.cell.display())).into());
         }
         for warning in &plan.warnings {
@@ -109,37 +109,6 @@ impl Run {
             self.cell.display()
         )))
     }
-}
-
-/// Reads a cell and every file that it names.
-pub(super) fn load(cell: &Path) -> anyhow::Result<CellTexts> {
-    let text = read_text(cell)?;
-    let name = cell.display().to_string();
-    let parsed = crate::config::parse_cell(&text, &name)?;
-    let folder = cell.parent().unwrap_or(Path::new("."));
-    let mut trajectories = Vec::new();
-    for used in &parsed.trajectories {
-        let path = folder.join(&used.file);
-        let text = std::fs::read_to_string(&path).map_err(|why| {
-            UsageError(format!(
-                "{name}: trajectories: {}: {why}; the path is relative to the cell file",
-                path.display()
-            ))
-        })?;
-        trajectories.push((used.file.clone(), text));
-    }
-    let beside = |key: &str, file: &String| {
-        let path = folder.join(file);
-        let text = std::fs::read_to_string(&path)
-            .map_err(|why| UsageError(format!("{name}: {key}: {}: {why}", path.display())))?;
-        Ok::<_, UsageError>((path.display().to_string(), text))
-    };
-    let intrinsics = match &parsed.intrinsics {
-        IntrinsicsSource::Solve => None,
-        IntrinsicsSource::From(file) => Some(beside("intrinsics", file)?),
-    };
-    let urdf = parsed.robot.urdf.as_ref().map(|file| beside("robot.urdf", file)).transpose()?;
-    Ok(CellTexts { cell: (name, text), folder: folder.into(), trajectories, intrinsics, urdf })
 }
 
 fn about(session_id: String, texts: &CellTexts) -> About {

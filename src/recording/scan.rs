@@ -81,7 +81,8 @@ impl Scan {
             Ok(records) => records.into_iter().for_each(|record| self.take(record, topics)),
             Err(error) => {
                 let kept = if zero_tail { self.before_zeros(data, topics) } else { 0 };
-                self.damage.push(format!("the chunk at {from_s:.3} s is lost but for {kept} records: {error}"));
+                let but = if kept > 0 { format!(" but for {kept} records") } else { String::new() };
+                self.damage.push(format!("the chunk at {from_s:.3} s is lost{but}: {error}"));
             }
         }
     }
