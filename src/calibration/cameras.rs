@@ -177,6 +177,33 @@ pub fn solve_stereo(problem: &Problem, cameras: &BTreeMap<Camera, SolvedCamera>)
     Ok(SolvedStereo { event_from_rgb, rms_px: found.rms_px, pairs_used, pairs_rejected: all - pairs_used, corner_rate })
 }
 
+/// How the pairs of this session fit a stereo transform that was taken over: RMS over both cameras, px.
+///
+/// Board poses come from the frame camera alone, so a camera that was moved since shows in full.
+pub fn known_stereo_rms_px(
+    problem: &Problem,
+    cameras: &BTreeMap<Camera, SolvedCamera>,
+    event_from_rgb: &Transform<Event, Rgb>,
+) -> Option<f64> {
+    let (rgb, event) = (cameras.get(&Camera::Rgb)?, cameras.get(&Camera::Event)?);
+    let (mut squares, mut points) = (0.0, 0);
+    for (index, pose) in problem.poses.iter().enumerate() {
+        let used = |camera: &SolvedCamera| camera.views.get(&index).is_some_and(|v| v.rejected.is_none());
+        let (Some(a), Some(b)) = (pose.views.get(&Camera::Rgb), pose.views.get(&Camera::Event)) else { continue };
+        if !(used(rgb) && used(event)) {
+            continue;
+        }
+        let Ok(found) = solve::board_pose::<Rgb>(&problem.board, a, &rgb.pinhole) else { continue };
+        let event_from_target = *event_from_rgb * found.camera_from_target;
+        let in_rgb = solve::squared_errors_px2(&problem.board, a, &rgb.pinhole, &found.camera_from_target);
+        let in_event = solve::squared_errors_px2(&problem.board, b, &event.pinhole, &event_from_target);
+        squares += in_rgb.0 + in_event.0;
+        points += in_rgb.1 + in_event.1;
+    }
+    let rms_px = (squares / f64::from(points as u32)).sqrt();
+    rms_px.is_finite().then_some(rms_px)
+}
+
 /// Whether a view can be solved from: enough corners, not on one line. The error says why not.
 pub fn usable(board: &Board, view: &View, settings: &Settings) -> Result<(), String> {
     let (found, needed) = (view.corners.len(), settings.min_corners);

@@ -120,7 +120,8 @@ pub struct StereoResult {
     pub pairs_rejected: usize,
     /// Ids seen by both over all corners of all poses with both images, 0 to 1.
     pub corner_rate: f64,
-    /// Whether it was taken over from an earlier result; then the numbers above are that result's.
+    /// Whether it was taken over from an earlier result; then `rms_px` says how this session fits it, with board
+    /// poses from the frame camera alone.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub taken_over: bool,
 }

@@ -100,6 +100,8 @@ fn stereo(
     match solved {
         Ok(found) => {
             let SolvedStereo { event_from_rgb, rms_px, pairs_used, pairs_rejected, corner_rate } = found;
+            let known_rms_px = known.as_ref().and_then(|k| cameras::known_stereo_rms_px(problem, cameras, k));
+            let rms_px = if known.is_some() { known_rms_px.unwrap_or(f64::MAX) } else { rms_px };
             let event_from_rgb = known.unwrap_or(event_from_rgb);
             Some(StereoResult {
                 event_from_rgb,
@@ -156,7 +158,9 @@ impl Arm {
             }
             Err(why) => {
                 not_computed.insert("hand_eye".into(), why);
-                let base_distance = verify::distances_only(problem, &pairs);
+                // In a carried camera the board's own motion says nothing about distances in `base`.
+                let carried = problem.carried == Carried::Target;
+                let base_distance = if carried { verify::distances_only(problem, &pairs) } else { None };
                 let checks = ChecksResult { base_distance, ..ChecksResult::default() };
                 Self { checks, rejected: missing, ..Self::default() }
             }
@@ -262,7 +266,14 @@ fn pose_result(index: usize, pose: &PoseData, cameras: &BTreeMap<Camera, SolvedC
         if !cameras.contains_key(camera) {
             reasons.push(format!("{camera}: the camera could not be solved"));
         }
-        seen.insert(*camera, PoseCamera { corners: view.corners.len(), rms_px: fit.and_then(|f| f.rms_px), used });
+        seen.insert(
+            *camera,
+            PoseCamera {
+                corners: view.corners.len(),
+                rms_px: fit.and_then(|f| f.rms_px).filter(|r| r.is_finite()),
+                used,
+            },
+        );
     }
     if let Some(why) = arm.rejected.get(&index).filter(|why| !reasons.contains(*why)) {
         reasons.push(format!("hand-eye: {why}"));

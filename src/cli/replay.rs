@@ -110,7 +110,7 @@ fn stored_views(session: &Path) -> anyhow::Result<StoredViews> {
 pub(super) fn finish(solved: &Solved, folder: Option<&Path>, json: bool) -> anyhow::Result<()> {
     let text = solved.result.to_json()?;
     // Printed first: what took minutes to solve is not lost to a folder that cannot be written.
-    print(&if json { text.clone() } else { report::terminal(&solved.result) })?;
+    let printed = print(&if json { text.clone() } else { report::terminal(&solved.result) });
     if json {
         solved.result.warnings.iter().for_each(|w| say(&format!("warning: {w}")));
     }
@@ -118,7 +118,7 @@ pub(super) fn finish(solved: &Solved, folder: Option<&Path>, json: bool) -> anyh
         write_results(solved, &text, folder)?;
         say(&format!("result and report: {}", folder.display()));
     }
-    Ok(())
+    printed
 }
 
 fn write_results(solved: &Solved, json: &str, folder: &Path) -> anyhow::Result<()> {

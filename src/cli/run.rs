@@ -59,15 +59,22 @@ impl Run {
         let sim = SimCell::start(&cell, self.seed, self.time_scale)?;
         let (session_id, path) = self.name(&cell, &texts)?;
         let about = about(session_id, &texts);
-        let writer = Writer::create(&path, &about, &texts.attachments())?;
         let devices =
             Devices { robot: sim.robot()?, frame: sim.frame(), event: sim.event(), clock: Arc::new(sim.clock.clone()) };
+        let writer = Writer::create(&path, &about, &texts.attachments())?;
         let interrupted = interrupts()?;
         let timing = (cell.images_per_pose, setup.image_period_s);
         let mut steps = Steps::new(&plan);
         let mut hear = |command: &Command| steps.hear(command);
         let mut live = Live::new(devices, writer, timing, interrupted, &mut hear);
-        let outcome = setup.machine.clone().run(&mut live)?;
+        let outcome = match setup.machine.clone().run(&mut live) {
+            Ok(outcome) => outcome,
+            Err(error) => {
+                say(&format!("the arm is stopped; what was logged is in {}", live.abandon().display()));
+                return Err(error.into());
+            }
+        };
+        SOLVING.store(true, Ordering::Relaxed);
         let path = live.into_recording()?;
         drop(sim);
         tell(&outcome.end);
@@ -119,6 +126,9 @@ fn about(session_id: String, texts: &CellTexts) -> About {
     About { format_version: FORMAT_VERSION, kind: Kind::Live, session_id, program_version, facts }
 }
 
+/// Nothing moves any more and the recording is closed: a signal may end the program at once.
+static SOLVING: AtomicBool = AtomicBool::new(false);
+
 /// A flag that Ctrl-C and SIGTERM raise: the session stops the arm and ends.
 fn interrupts() -> anyhow::Result<&'static AtomicBool> {
     static RAISED: AtomicBool = AtomicBool::new(false);
@@ -137,6 +147,9 @@ fn interrupts() -> anyhow::Result<&'static AtomicBool> {
                     _ = terminate.recv() => {}
                     // A lost connection of the operator must not leave the arm moving.
                     _ = hang_up.recv() => {}
+                }
+                if SOLVING.load(Ordering::Relaxed) {
+                    std::process::exit(130);
                 }
                 RAISED.store(true, Ordering::Relaxed);
             }

@@ -27,8 +27,8 @@ pub enum Entry {
     Input(Stamp, Input),
     /// Something that was asked.
     Command(Command),
-    /// An encoded image of the frame camera.
-    Image(Vec<u8>),
+    /// An encoded image of the frame camera, stamped with the start of its exposure.
+    Image(Stamp, Vec<u8>),
     /// Raw words of the event camera.
     Events(EventPacket),
 }
@@ -98,7 +98,9 @@ impl Recording {
             path: self.path.clone(),
             what: format!("the attachment `import.json` is unreadable: {e}"),
         };
-        serde_json::from_str(self.text("import.json")?).map_err(broken)
+        let setup: ImportSetup = serde_json::from_str(self.text("import.json")?).map_err(broken)?;
+        setup.board.check().map_err(|e| RecordingError::Broken { path: self.path.clone(), what: e.to_string() })?;
+        Ok(setup)
     }
 
     /// Names of all attachments, in order.
@@ -119,7 +121,7 @@ fn entry(message: &scan::Message) -> Result<Option<Entry>, String> {
         }
         topics::IMAGES => {
             let image = CompressedImage::decode(message.data.as_slice()).map_err(|e| e.to_string())?;
-            Ok(Some(Entry::Image(image.data.to_vec())))
+            Ok(Some(Entry::Image(at, image.data.to_vec())))
         }
         topics::EVENTS => {
             let packet = EventPacket::from_cdr(&message.data).ok_or("not an EventPacket in little-endian CDR")?;

@@ -97,6 +97,10 @@ impl Scan {
             let Some((body, after)) = usize::try_from(length).ok().and_then(|n| rest.split_at_checked(n)) else {
                 break;
             };
+            // Schemas, channels and messages: the only records of a chunk.
+            if !(3..=5).contains(&head[0]) {
+                break;
+            }
             let Ok(record) = mcap::parse_record(head[0], body) else { break };
             self.take(record, topics);
             (data, kept) = (after, kept + 1);

@@ -49,7 +49,8 @@ impl Writer {
         if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
             fs::create_dir_all(folder).map_err(io)?;
         }
-        let file = File::create(&partial).map_err(io)?;
+        // Never over the remains of another session.
+        let file = File::create_new(&partial).map_err(io)?;
         let buffered = BufWriter::new(file.try_clone().map_err(io)?);
         let of_mcap = |why| RecordingError::Mcap { path: partial.clone(), why };
         let options = mcap::WriteOptions::new()
@@ -104,6 +105,11 @@ impl Writer {
     pub fn sync(&mut self) -> Result<(), RecordingError> {
         self.mcap.flush().map_err(|why| RecordingError::Mcap { path: self.partial.clone(), why })?;
         self.file.sync_data().map_err(|why| RecordingError::Io { path: self.partial.clone(), why })
+    }
+
+    /// Where the recording is until it is complete.
+    pub fn partial(&self) -> PathBuf {
+        self.partial.clone()
     }
 
     /// Closes the file, syncs it and gives it its final name.

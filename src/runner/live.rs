@@ -90,6 +90,13 @@ impl<'a> Live<'a> {
         }
     }
 
+    /// Stops the arm after an error; what was logged stays in the `.partial` file that is returned.
+    pub fn abandon(&mut self) -> std::path::PathBuf {
+        // Where the stop does not get through, the heartbeats have ended and the controller stops by itself.
+        drop(self.devices.robot.stop());
+        self.writer.partial()
+    }
+
     /// Closes the recording and gives it its final name.
     pub fn into_recording(self) -> Result<std::path::PathBuf, RecordingError> {
         self.writer.finish()

@@ -16,8 +16,8 @@ use crate::events::sync::{ExposureTime, SyncSettings, TriggerSync, Window};
 use crate::events::{Decoder, Event, Format, LastPolarity, Trigger};
 use crate::geometry::Camera;
 use crate::image::GrayImage;
-use crate::recording::{Entry, EventPacket, Recording};
-use crate::session::{Exposure, Input, Outcome};
+use crate::recording::{Entry, EventPacket, Kind, Recording};
+use crate::session::{Exposure, Input, Outcome, Stamp};
 use crate::vision;
 
 /// What the cameras saw, pose by pose.
@@ -123,20 +123,22 @@ fn shots<'a>(recording: &'a Recording, outcome: &Outcome) -> Vec<Shot<'a>> {
     let (mut shots, mut capture) = (Vec::new(), 0);
     for entry in &recording.entries {
         match entry {
-            Entry::Image(bytes) => images.push(bytes.as_slice()),
+            Entry::Image(at, bytes) => images.push((*at, bytes.as_slice())),
             Entry::Input(_, Input::Captured(captured)) => {
                 let record = outcome.poses.get(captured.pose).filter(|r| r.capture == Some(capture));
-                let mut waiting = images.drain(..);
                 for exposure in &captured.exposures {
                     let still = record.and_then(|r| r.evidence.as_ref()).is_none_or(|e| {
                         // Half a nanosecond of slack: recorded times are whole nanoseconds.
                         exposure.start_s >= e.from_s - 5e-10 && exposure.end_s <= e.to_s + 5e-10
                     });
                     let pose = (record.is_some() && still).then_some(captured.pose);
-                    let image = if exposure.image { waiting.next() } else { None };
+                    // By its stamp: where a record is lost, the images of another capture must not slip in.
+                    let at = Stamp::from_seconds(exposure.start_s);
+                    let image =
+                        images.iter().find(|(stamp, _)| exposure.image && *stamp == at).map(|(_, bytes)| *bytes);
                     shots.push(Shot { pose, taken_at: captured.pose, exposure: *exposure, image });
                 }
-                drop(waiting);
+                images.clear();
                 capture += 1;
             }
             Entry::Input(..) | Entry::Command(_) | Entry::Events(_) => {}
@@ -349,7 +351,8 @@ fn decode<S: crate::events::Sink>(
     after_capture: &mut dyn FnMut(&mut S),
 ) -> Result<(), String> {
     let mut decoder: Option<Decoder> = None;
-    let mut gap = false;
+    // A live session joins the stream at its first capture; an import begins with the stream itself.
+    let mut gap = recording.about.kind == Kind::Live;
     for entry in &recording.entries {
         match entry {
             Entry::Events(EventPacket { encoding, time_base_ns, events, .. }) => {
@@ -367,7 +370,7 @@ fn decode<S: crate::events::Sink>(
                 gap = decoder.is_some();
                 after_capture(sink);
             }
-            Entry::Input(..) | Entry::Command(_) | Entry::Image(_) => {}
+            Entry::Input(..) | Entry::Command(_) | Entry::Image(..) => {}
         }
     }
     Ok(())

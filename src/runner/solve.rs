@@ -92,6 +92,12 @@ pub fn solve_recording(
     result.timing = views.seen.timing.clone().map(Into::into);
     result.warnings.extend(views.seen.problems.iter().cloned());
     result.warnings.extend(recording.damage.iter().map(|d| format!("the recording is damaged: {d}")));
+    let skipped =
+        outcome.poses.iter().zip(&result.poses).filter_map(|(record, pose)| Some((pose, record.skipped.as_ref()?)));
+    let skipped: Vec<_> = skipped.map(|(pose, why)| format!("pose {} was not captured: {why}", pose.pose_id)).collect();
+    if outcome.end == End::Complete {
+        result.warnings.extend(skipped);
+    }
     if let Some(why) = unfinished(&outcome.end) {
         if result.verdict.status == Status::Pass {
             // What was judged was kept, but it is not what the cell asks for.
@@ -111,7 +117,7 @@ fn replay(recording: &Recording, setup: &Setup) -> Result<Outcome, Diverged> {
     let outcome = setup.machine.clone().run(&mut world);
     match &setup.machine {
         MachineSpec::Live { stops, limits, .. } if outcome.is_err() && !recording.damage.is_empty() => {
-            run(Salvage::new(stops.len(), limits), &mut Replay::new(recording))
+            run(Salvage::new(stops.len(), limits), &mut Replay::unchecked(recording))
         }
         MachineSpec::Live { .. } | MachineSpec::Imported { .. } => outcome,
     }

@@ -41,8 +41,9 @@ impl Machine for Imported {
                 evidence: declared.and_then(|d| d.still_s).map(evidence),
                 skipped: None,
             };
-            self.captures.push(captured.clone());
         }
+        // Counted even where its pose is not of this session: images and events are counted with it.
+        self.captures.push(captured.clone());
         None
     }
 

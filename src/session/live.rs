@@ -147,6 +147,9 @@ impl Live {
         if !self.history.kept_limits(&self.limits.through_capture(), decided.seconds(), end_s) {
             return Some(self.repeat(pose, attempt, "the arm moved during the exposure"));
         }
+        // A short exposure lies between two samples: then the time since the decision speaks for it.
+        let enough = self.history.count(start_s, end_s) >= 2;
+        let start_s = if enough { start_s } else { decided.seconds() };
         self.poses[pose] = PoseRecord {
             capture: Some(index),
             base_from_tcp: self.history.mean_pose(start_s, end_s),

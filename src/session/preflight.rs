@@ -130,7 +130,7 @@ fn robot_mode_name(mode: i32) -> String {
         "RUNNING",
         "UPDATING_FIRMWARE",
     ];
-    named(mode, usize::try_from(mode + 1).ok().and_then(|i| names.get(i)))
+    named(mode, usize::try_from(mode.wrapping_add(1)).ok().and_then(|i| names.get(i)))
 }
 
 fn safety_mode_name(mode: i32) -> String {

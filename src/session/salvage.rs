@@ -31,10 +31,11 @@ impl Salvage {
         let index = self.captures.len();
         self.captures.push(captured.clone());
         let Some(record) = self.poses.get_mut(captured.pose) else { return };
-        let start_s = captured.exposures.first().map_or(at.seconds(), |e| e.start_s);
+        let start_s = captured.exposures.first().map_or(at.seconds() - self.limits.window_s, |e| e.start_s);
         let end_s = captured.exposures.last().map_or(at.seconds(), |e| e.end_s);
         if !self.history.kept_limits(&self.limits, start_s, end_s) {
-            record.skipped = Some("the samples that prove that the arm stood still are lost".into());
+            let why = "the samples that prove that the arm stood still are lost";
+            *record = PoseRecord { skipped: Some(why.into()), ..PoseRecord::not_reached() };
             return;
         }
         *record = PoseRecord {

@@ -64,7 +64,22 @@ impl History {
         let gaps_small = inside.windows(2).all(|w| w[1].0.seconds() - w[0].0.seconds() <= limits.max_gap_s);
         let each_still = inside.iter().all(|(_, sample)| sample_is_still(sample, limits));
         let spread = max_spread(inside.iter().map(|(_, s)| &s.joints_rad));
-        inside.len() >= limits.min_samples as usize && gaps_small && each_still && spread <= limits.joint_spread_rad
+        let (first_s, last_s) = match inside.as_slice() {
+            [] => return false,
+            [(first, _), .., (last, _)] => (first.seconds(), last.seconds()),
+            [(only, _)] => (only.seconds(), only.seconds()),
+        };
+        let ends_seen = first_s - from_s <= limits.max_gap_s && to_s - last_s <= limits.max_gap_s;
+        inside.len() >= limits.min_samples as usize
+            && ends_seen
+            && gaps_small
+            && each_still
+            && spread <= limits.joint_spread_rad
+    }
+
+    /// Samples from `from_s` to `to_s`.
+    pub(super) fn count(&self, from_s: f64, to_s: f64) -> usize {
+        self.between(from_s, to_s).count()
     }
 
     /// Mean pose of the TCP from `from_s` to `to_s`; absent without samples.
@@ -91,7 +106,7 @@ impl History {
             to_s,
             samples: Some(inside.len()),
             max_joint_speed_rad_s: Some(inside.iter().map(speed).fold(0.0, f64::max)),
-            max_joint_spread_rad: Some(max_spread(inside.iter().map(|s| &s.joints_rad))),
+            max_joint_spread_rad: Some(max_spread(inside.iter().map(|s| &s.joints_rad))).filter(|s| s.is_finite()),
             max_tcp_speed_m_s: Some(inside.iter().map(tcp).fold(0.0, f64::max)),
         }
     }

@@ -30,9 +30,10 @@ pub(super) fn write(
     probe: Probe<'_>,
     progress: &mut dyn FnMut(usize, usize),
 ) -> Result<ImportReport, ImportError> {
-    let remains = Remains::of(output);
     let about = about(&data_set, session_id);
     let writer = Writer::create(output, &about, &attachments(&data_set)?)?;
+    // Only now is the partial file ours to remove.
+    let remains = Remains::of(output);
     let images = data_set.captures.iter().flat_map(|c| &c.exposures).filter(|shot| shot.image.is_some()).count();
     let total = images + data_set.events.as_ref().map_or(0, |events| events.packets());
     let mut copy = Copy { writer, data_set: &data_set, probe, progress, done: 0, total };

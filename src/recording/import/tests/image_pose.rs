@@ -126,7 +126,7 @@ fn the_real_abb_set_is_imported_unchanged() {
     let setup = recording.import_setup().unwrap();
     assert_eq!((setup.cameras[&Camera::Rgb].width, setup.cameras[&Camera::Rgb].height), (1600, 1200));
     assert_eq!((setup.board.squares_x, setup.board.squares_y, setup.board.dictionary.as_str()), (5, 7, "DICT_6X6_250"));
-    let mut images = recording.entries.iter().filter_map(|e| if let Entry::Image(i) = e { Some(i) } else { None });
+    let mut images = recording.entries.iter().filter_map(|e| if let Entry::Image(_, i) = e { Some(i) } else { None });
     for (index, (_, capture)) in captures(&recording).into_iter().enumerate() {
         assert_eq!((capture.pose, setup.poses[index].id.clone()), (index, index.to_string()));
         assert_eq!(*images.next().unwrap(), fs::read(folder.join(format!("images/{index}.png"))).unwrap());

@@ -27,8 +27,11 @@ fn everything_in_the_folder_is_in_the_session() {
         "1bd73e2f0db5b2233176e649de54f3ff2fe72b85dcc1387aa87a35020d5da2c4"
     );
 
-    let images: Vec<&Vec<u8>> =
-        recording.entries.iter().filter_map(|e| if let Entry::Image(image) = e { Some(image) } else { None }).collect();
+    let images: Vec<&Vec<u8>> = recording
+        .entries
+        .iter()
+        .filter_map(|e| if let Entry::Image(_, image) = e { Some(image) } else { None })
+        .collect();
     assert_eq!(images, [&png(8, 6), &jpeg(8, 6), &png(8, 6), &png(8, 6)]);
     let captures = captures(&recording);
     assert_eq!(captures.iter().map(|(_, c)| c.pose).collect::<Vec<_>>(), [0, 1, 2]);
