@@ -41,7 +41,6 @@
 //!   must not know OpenCV's.
 //! - A world has no tick of its own: the heartbeat that keeps the arm moving leaves when the loop comes back
 //!   for its next input, so a hung loop stops the arm.
-//! - `devices::sim` draws the board through `cv`, which is above it.
 
 pub mod board;
 pub mod calibration;

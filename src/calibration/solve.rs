@@ -100,9 +100,17 @@ fn stereo(
     match solved {
         Ok(found) => {
             let SolvedStereo { event_from_rgb, rms_px, pairs_used, pairs_rejected, corner_rate } = found;
-            let known_rms_px = known.as_ref().and_then(|k| cameras::known_stereo_rms_px(problem, cameras, k));
-            let rms_px = if known.is_some() { known_rms_px.unwrap_or(f64::MAX) } else { rms_px };
-            let event_from_rgb = known.unwrap_or(event_from_rgb);
+            let (event_from_rgb, rms_px) = match known {
+                None => (event_from_rgb, rms_px),
+                Some(known) => {
+                    let Some(rms_px) = cameras::known_stereo_rms_px(problem, cameras, &known) else {
+                        let why = "the transform taken over puts the board behind a camera, or no pair is usable";
+                        not_computed.insert("stereo".into(), why.into());
+                        return None;
+                    };
+                    (known, rms_px)
+                }
+            };
             Some(StereoResult {
                 event_from_rgb,
                 baseline_m: event_from_rgb.iso().translation.vector.norm(),
