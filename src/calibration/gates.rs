@@ -53,6 +53,10 @@ pub struct Measured {
     pub base_vector_mae_m: Option<f64>,
     /// Largest distance between the translations of two hand-eye solvers, m.
     pub panel_spread_m: Option<f64>,
+    /// Largest distance of a model of the arm from the controller's poses, m.
+    pub kinematics_m: Option<f64>,
+    /// Largest angle between them, rad.
+    pub kinematics_rad: Option<f64>,
 }
 
 /// How a number is written: factor from the inner unit, unit, decimals.
@@ -65,6 +69,7 @@ struct Shown {
 
 const PX: Shown = Shown { factor: 1.0, unit: "px", decimals: 3 };
 const MM: Shown = Shown { factor: 1e3, unit: "mm", decimals: 2 };
+const DEG: Shown = Shown { factor: 180.0 / std::f64::consts::PI, unit: "deg", decimals: 3 };
 const PERCENT: Shown = Shown { factor: 100.0, unit: "%", decimals: 1 };
 
 /// One gate with its measurement.
@@ -112,6 +117,8 @@ fn list(gates: &Gates, measured: &Measured) -> Vec<Gate> {
         base_distance_mae_m,
         base_vector_mae_m,
         panel_spread_m,
+        kinematics_m,
+        kinematics_rad,
     } = gates;
     let m = measured;
     let bias_m = m.target_to_tcp_bias_m.map(f64::abs);
@@ -128,6 +135,8 @@ fn list(gates: &Gates, measured: &Measured) -> Vec<Gate> {
         at_most("base_distance mae", MM, base_distance_mae_m, m.base_distance_mae_m),
         at_most("base_distance vector mae", MM, base_vector_mae_m, m.base_vector_mae_m),
         at_most("hand-eye panel spread", MM, panel_spread_m, m.panel_spread_m),
+        at_most("kinematics distance", MM, kinematics_m, m.kinematics_m),
+        at_most("kinematics angle", DEG, kinematics_rad, m.kinematics_rad),
     ]);
     all.into_iter().flatten().collect()
 }
@@ -198,6 +207,8 @@ mod tests {
             base_distance_mae_m: Some(0.002),
             base_vector_mae_m: Some(0.002),
             panel_spread_m: Some(0.003),
+            kinematics_m: Some(0.005),
+            kinematics_rad: Some(0.01),
         }
     }
 
@@ -213,6 +224,8 @@ mod tests {
             base_distance_mae_m: Some(0.001),
             base_vector_mae_m: Some(0.001),
             panel_spread_m: Some(0.001),
+            kinematics_m: Some(0.004),
+            kinematics_rad: Some(0.009),
         }
     }
 
@@ -257,6 +270,8 @@ mod tests {
             base_distance_mae_m: Some(9.0),
             base_vector_mae_m: Some(9.0),
             panel_spread_m: Some(9.0),
+            kinematics_m: Some(9.0),
+            kinematics_rad: Some(9.0),
         };
         assert_eq!(judge(&every_gate(), &bad).reasons.len(), 10);
         let nothing = judge(&every_gate(), &Measured::default());

@@ -8,6 +8,7 @@ pub mod cameras;
 pub mod checks;
 pub mod gates;
 pub mod hand_eye;
+pub mod kinematics;
 pub mod observability;
 pub mod problem;
 pub mod result;

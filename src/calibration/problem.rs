@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::kinematics::KinematicsResult;
 use super::settings::{Carried, Gates, PoseKind, Settings};
 use crate::board::{Board, View};
 use crate::geometry::{Base, Camera, Event, Pinhole, Rgb, Tcp, Transform};
@@ -33,6 +34,8 @@ pub struct Problem {
     pub gates: Option<Gates>,
     /// Cameras and stereo that were solved before.
     pub known: Option<KnownCameras>,
+    /// How well the models of the arm explain what its controller says.
+    pub kinematics: Option<KinematicsResult>,
 }
 
 /// One camera as the cell declares it.

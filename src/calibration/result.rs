@@ -11,6 +11,7 @@ use serde_json::Value;
 use super::checks::{BaseDistance, TargetInBase, TargetToTcp};
 use super::gates::Verdict;
 use super::hand_eye::{HandEyeMethod, Uncertainty};
+use super::kinematics::KinematicsResult;
 use super::observability::Observability;
 use super::settings::{Gates, PoseKind, Settings};
 use crate::board::Board;
@@ -51,6 +52,9 @@ pub struct CalibrationResult {
     pub hand_eye: Option<HandEyeResult>,
     /// The consistency checks.
     pub checks: ChecksResult,
+    /// How well the models of the arm explain what its controller says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kinematics: Option<KinematicsResult>,
     /// How event camera and exposures were brought together.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timing: Option<Timing>,

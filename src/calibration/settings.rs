@@ -141,4 +141,10 @@ pub struct Gates {
     /// Largest distance between the translations of two hand-eye solvers, m.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub panel_spread_m: Option<f64>,
+    /// Largest distance between the controller's pose of the flange and its kinematics or the URDF, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kinematics_m: Option<f64>,
+    /// Largest angle between them, rad.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kinematics_rad: Option<f64>,
 }

@@ -57,6 +57,7 @@ pub fn solve(problem: &Problem, origin: Origin) -> CalibrationResult {
         stereo,
         hand_eye: arm.result,
         checks: arm.checks,
+        kinematics: problem.kinematics.clone(),
         timing: None,
         poses,
         provenance: provenance(problem, origin.facts, origin.sha256),
@@ -341,6 +342,8 @@ fn verdict(problem: &Problem, result: &CalibrationResult) -> Verdict {
         base_distance_mae_m: distance.map(|d| d.mae_m),
         base_vector_mae_m: distance.and_then(|d| d.vector_mae_m),
         panel_spread_m: result.hand_eye.as_ref().and_then(|h| h.panel_spread_m),
+        kinematics_m: result.kinematics.as_ref().and_then(|k| k.max_m()),
+        kinematics_rad: result.kinematics.as_ref().and_then(|k| k.max_rad()),
     };
     gates::judge(limits, &measured)
 }

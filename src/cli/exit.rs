@@ -5,6 +5,8 @@ use std::process::ExitCode;
 use crate::calibration::gates::Status;
 use crate::calibration::result::CalibrationResult;
 use crate::config::ConfigError;
+use crate::devices::RobotError;
+use crate::devices::sim::cell::SimError;
 use crate::plan::PlanError;
 use crate::runner::setup::SetupError;
 use crate::runner::solve::{SolveError, Solved};
@@ -60,7 +62,12 @@ pub(super) fn of_error(error: &anyhow::Error) -> Exit {
         let of_user = setup.is_some_and(|s| !matches!(s, SetupError::Recording(_)));
         of_user || cause.is::<ConfigError>() || cause.is::<PlanError>() || cause.is::<UsageError>()
     });
-    if wrong { Exit::Usage } else { Exit::Error }
+    let unconnected = error.chain().any(|cause| cause.is::<ConnectError>());
+    match (wrong, unconnected) {
+        (true, _) => Exit::Usage,
+        (false, true) => Exit::PreflightFailed,
+        (false, false) => Exit::Error,
+    }
 }
 
 /// The user asked for something that cannot be.
@@ -68,18 +75,38 @@ pub(super) fn of_error(error: &anyhow::Error) -> Exit {
 #[error("{0}")]
 pub(super) struct UsageError(pub(super) String);
 
+/// The robot could not be connected: nothing has moved, which is what a failed pre-flight means.
+#[derive(Debug, thiserror::Error)]
+#[error("pre-flight failed; the arm has not been moved:\n  connection: {0}")]
+pub(super) struct ConnectError(pub(super) RobotError);
+
+impl ConnectError {
+    /// Of the simulated cell, whose other errors are its own.
+    pub(super) fn of_sim(error: SimError) -> anyhow::Error {
+        match error {
+            SimError::Robot(error) => Self(error).into(),
+            other => other.into(),
+        }
+    }
+}
+
 /// How a solved session ends: the worst of how it was run and what the gates say.
 ///
 /// A replay says what the recording holds, not how the live session ended.
 pub(super) fn of_session(solved: &Solved, live: bool) -> Exit {
-    match &solved.end {
-        End::PreflightFailed(_) if live => return Exit::PreflightFailed,
-        End::OperatorNeeded(_) if live => return Exit::OperatorNeeded,
-        End::Interrupted if live => return Exit::Interrupted,
-        End::Aborted(_) if live => return Exit::Error,
-        _ => {}
+    let ended = if live { of_end(&solved.end) } else { None };
+    ended.unwrap_or_else(|| of_result(&solved.result))
+}
+
+/// How a session that did not run to its end ends the program.
+pub(super) fn of_end(end: &End) -> Option<Exit> {
+    match end {
+        End::PreflightFailed(_) => Some(Exit::PreflightFailed),
+        End::OperatorNeeded(_) => Some(Exit::OperatorNeeded),
+        End::Interrupted => Some(Exit::Interrupted),
+        End::Aborted(_) => Some(Exit::Error),
+        End::Complete | End::Cut => None,
     }
-    of_result(&solved.result)
 }
 
 /// What a result says by itself.

@@ -8,10 +8,14 @@ mod events;
 mod exit;
 mod import;
 mod progress;
+mod rehearsal;
 mod replay;
 mod report;
+mod resume;
 mod run;
 mod schema;
+mod session;
+mod sim;
 mod target;
 
 use clap::{Parser, Subcommand};
@@ -33,6 +37,11 @@ struct Arguments {
 enum Command {
     /// Runs a session: moves the arm, captures, solves, judges.
     Run(run::Run),
+    /// Goes on with a session that ended early: pre-flight again, then the missing poses only.
+    Resume(resume::Resume),
+    /// Simulates devices on their real protocols.
+    #[command(subcommand)]
+    Sim(sim::Sim),
     /// Repeats a recorded session without devices, with identical results.
     Replay(replay::Replay),
     /// Turns a foreign data set into a session.
@@ -78,6 +87,8 @@ fn execute(arguments: Arguments) -> anyhow::Result<Exit> {
     crate::cv::set_threads(1)?;
     match arguments.command {
         Command::Run(command) => command.execute(),
+        Command::Resume(command) => command.execute(),
+        Command::Sim(command) => command.execute(),
         Command::Replay(command) => command.execute(),
         Command::Import(command) => command.execute(),
         Command::Check(command) => command.execute(),

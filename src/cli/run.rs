@@ -1,34 +1,50 @@
 //! `cellcal run`: a session, from the cell file to the verdict.
 
-use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 
 use clap::Args;
 
 use super::exit::{self, UsageError};
 use super::progress::{Bar, say};
-use super::{Exit, cell, replay};
-use crate::config::{Cell, EventDriver, FrameDriver, RobotDriver};
-use crate::devices::sim::cell::SimCell;
-use crate::plan::Plan;
-use crate::recording::{About, FORMAT_VERSION, Kind, Writer};
-use crate::runner::setup::{CellTexts, Planned};
+use super::session::{AtTerminal, Bench, SOLVING, Steps, interrupts, open, tell};
+use super::{Exit, cell, rehearsal, replay};
+use crate::config::{Cell, RobotDriver};
+use crate::devices::sim::cell::SimStart;
+use crate::devices::sim::ur::Planned as PlannedFault;
+use crate::devices::ur::MOTION_SCRIPT;
+use crate::recording::{About, Attachment, FORMAT_VERSION, Kind, Writer};
+use crate::runner::setup::{CellTexts, Planned, RunOptions};
 use crate::runner::solve::{sha256, solve_recording};
-use crate::runner::{Devices, Live};
-use crate::session::{Command, End};
+use crate::runner::{Live, Told};
+use crate::session::Outcome;
 
 /// Runs a session: moves the arm, captures, solves, judges.
 #[derive(Debug, Args)]
 pub(super) struct Run {
     /// The cell file.
     cell: PathBuf,
-    /// Simulated seconds a real second, or `max`; only for a simulated robot.
-    #[arg(long, value_parser = time_scale, default_value = "1")]
-    time_scale: f64,
+    /// Walks the poses without cameras: pre-flight, every move, stillness; nothing is solved.
+    #[arg(long)]
+    rehearse: bool,
+    /// Asks before every move.
+    #[arg(long)]
+    step: bool,
+    /// Share of the speed and acceleration caps of the cell, 0.01 to 1.
+    #[arg(long, value_parser = share, default_value = "1")]
+    speed: f64,
+    /// Nobody is there: no question is asked, and a cell without an interlock is refused.
+    #[arg(long)]
+    unattended: bool,
+    /// Simulated seconds a real second, or `max`; only for a simulated robot. Default: 1.
+    #[arg(long, value_parser = time_scale)]
+    time_scale: Option<f64>,
     /// Seed of the simulated cell, instead of the cell file's.
     #[arg(long)]
     seed: Option<u64>,
+    /// Makes the simulated controller fail, such as `protective_stop@move:3`; may be repeated.
+    #[arg(long = "sim-fault", value_name = "FAULT@WHEN")]
+    sim_faults: Vec<PlannedFault>,
     /// Folder of the sessions.
     #[arg(short, long, default_value = "sessions")]
     output: PathBuf,
@@ -37,7 +53,7 @@ pub(super) struct Run {
     json: bool,
 }
 
-fn time_scale(text: &str) -> Result<f64, String> {
+pub(super) fn time_scale(text: &str) -> Result<f64, String> {
     let scale = if text == "max" { Ok(f64::INFINITY) } else { text.parse::<f64>() };
     match scale {
         Ok(scale) if scale >= 0.01 => Ok(scale),
@@ -45,158 +61,118 @@ fn time_scale(text: &str) -> Result<f64, String> {
     }
 }
 
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(share) if (0.01..=1.0).contains(&share) => Ok(share),
+        _ => Err(format!("`{text}` is no share; expected a number from 0.01 to 1")),
+    }
+}
+
 impl Run {
     pub(super) fn execute(self) -> anyhow::Result<Exit> {
         let texts = cell::load(&self.cell)?;
-        let Planned { cell, plan, setup } = texts.plan()?;
-        self.refuse_what_has_no_driver(&cell)?;
-        if let (_, Some(why)) = cell::observability_of(&cell, &plan) {
+        let options = RunOptions { speed: self.speed, confirm_each: self.step, rehearsal: self.rehearse };
+        let Planned { cell, plan, setup } = texts.plan_with(&options)?;
+        self.refuse(&cell)?;
+        if let (_, Some(why)) = cell::observability_of(&cell, &plan)
+            && !self.rehearse
+        {
             return Err(UsageError(format!("{}: no motion: {why}", self.cell.display())).into());
         }
         for warning in &plan.warnings {
             say(&format!("warning: {warning}"));
         }
-        let sim = SimCell::start(&cell, self.seed, self.time_scale)?;
+        let start = SimStart { faults: self.sim_faults.clone(), ..SimStart::default() };
+        let bench = open(&self.cell, &cell, &options, self.seed, self.time_scale, start)?;
         let (session_id, path) = self.name(&cell, &texts)?;
-        let about = about(session_id, &texts);
-        let devices =
-            Devices { robot: sim.robot()?, frame: sim.frame(), event: sim.event(), clock: Arc::new(sim.clock.clone()) };
-        let writer = Writer::create(&path, &about, &texts.attachments())?;
-        let interrupted = interrupts()?;
-        let timing = (cell.images_per_pose, setup.image_period_s);
+        let about = about(session_id, &texts, &bench, &options, self.seed);
+        let writer = Writer::create(&path, &about, &attachments(&texts))?;
+        let mut operator = AtTerminal::new(self.unattended);
         let mut steps = Steps::new(&plan);
-        let mut hear = |command: &Command| steps.hear(command);
-        let mut live = Live::new(devices, writer, timing, interrupted, &mut hear);
-        let outcome = match setup.machine.clone().run(&mut live) {
-            Ok(outcome) => outcome,
-            Err(error) => {
-                say(&format!("the arm is stopped; what was logged is in {}", live.abandon().display()));
-                return Err(error.into());
-            }
-        };
-        SOLVING.store(true, Ordering::Relaxed);
-        let path = live.into_recording()?;
-        drop(sim);
-        tell(&outcome.end);
+        let mut hear = |told: Told<'_>| steps.hear(told);
+        let timing = (cell.images_per_pose, setup.image_period_s);
+        let mut live = Live::new(bench.devices, writer, timing, interrupts()?, &mut operator, &mut hear)?;
+        let outcome = setup.machine.clone().run(&mut live);
+        let (outcome, path) = close(outcome, live)?;
+        tell(&outcome.end, &path);
         say(&format!("recorded: {}", path.display()));
-        let bar = Bar::new("looking at images");
-        let solved = solve_recording(&path, &mut |_| Ok(Vec::new()), None, &|done, total| bar.show(done, total))?;
-        replay::finish(&solved, Some(&replay::folder_of(&path)), self.json)?;
-        Ok(exit::of_session(&solved, true))
+        let noted = !steps.notes.is_empty();
+        if self.rehearse {
+            return rehearsal::finish(&outcome, &plan, self.json, noted);
+        }
+        solve(&path, self.json, noted)
+    }
+
+    fn refuse(&self, cell: &Cell) -> Result<(), UsageError> {
+        let refuse = |why: &str| Err(UsageError(format!("{}: {why}", self.cell.display())));
+        if self.unattended && cell.robot.interlocks.is_empty() {
+            return refuse("robot.interlocks is missing: nobody watches an unattended session, so an input must say that the cell is released");
+        }
+        if !self.sim_faults.is_empty() && cell.robot.driver != RobotDriver::Sim {
+            return refuse("--sim-fault is for the simulated robot");
+        }
+        Ok(())
     }
 
     /// The name of the session and of its file; two sessions within a second are told apart.
     fn name(&self, cell: &Cell, texts: &CellTexts) -> anyhow::Result<(String, PathBuf)> {
         let now = jiff::Timestamp::now();
         let folder = self.output.join(&cell.name);
-        let base = now.strftime("%Y%m%dT%H%M%SZ").to_string();
-        let path_of = |suffix: &str| folder.join(format!("{base}{suffix}.mcap"));
-        let free = |path: &PathBuf| !path.exists() && !path.with_extension("mcap.partial").exists();
-        let mut candidates = std::iter::once(path_of("")).chain((2..1000).map(|n| path_of(&format!("-{n}"))));
-        let path = candidates.find(free).ok_or_else(|| anyhow::anyhow!("no free name in {}", folder.display()))?;
+        let what = if self.rehearse { "-rehearsal" } else { "" };
+        let base = format!("{}{what}", now.strftime("%Y%m%dT%H%M%SZ"));
+        let path = free_name(&folder, &base)?;
         let seed = format!("{}{}{}", texts.cell.1, now.as_nanosecond(), std::process::id());
         Ok((sha256(seed.as_bytes())[..16].to_owned(), path))
     }
+}
 
-    fn refuse_what_has_no_driver(&self, cell: &Cell) -> Result<(), UsageError> {
-        if cell.robot.driver != RobotDriver::Sim {
-            let scale = if self.time_scale == 1.0 { "" } else { "; and --time-scale is for the simulated robot only" };
-            return Err(UsageError(format!(
-                "{}: robot.driver `ur` needs the drivers of real cameras, which this version does not have yet; use `sim`{scale}",
-                self.cell.display()
-            )));
+/// A name that no session in `folder` has.
+pub(super) fn free_name(folder: &Path, base: &str) -> anyhow::Result<PathBuf> {
+    let path_of = |suffix: &str| folder.join(format!("{base}{suffix}.mcap"));
+    let free = |path: &PathBuf| !path.exists() && !path.with_extension("mcap.partial").exists();
+    let mut candidates = std::iter::once(path_of("")).chain((2..1000).map(|n| path_of(&format!("-{n}"))));
+    candidates.find(free).ok_or_else(|| anyhow::anyhow!("no free name in {}", folder.display()))
+}
+
+/// Closes the recording; after an error the arm is stopped first.
+pub(super) fn close(
+    outcome: Result<Outcome, crate::runner::LiveError>,
+    mut live: Live<'_>,
+) -> anyhow::Result<(Outcome, PathBuf)> {
+    match outcome {
+        Ok(outcome) => {
+            SOLVING.store(true, Ordering::Relaxed);
+            Ok((outcome, live.into_recording()?))
         }
-        let frame = cell.rgb.as_ref().is_none_or(|c| c.driver == FrameDriver::Sim);
-        let event = cell.event.as_ref().is_none_or(|c| c.driver == EventDriver::Sim);
-        if frame && event {
-            return Ok(());
+        Err(error) => {
+            say(&format!("the arm is stopped; what was logged is in {}", live.abandon().display()));
+            Err(error.into())
         }
-        Err(UsageError(format!(
-            "{}: this version has no driver for real cameras yet; use `driver: sim`",
-            self.cell.display()
-        )))
     }
 }
 
-fn about(session_id: String, texts: &CellTexts) -> About {
-    let mut facts = std::collections::BTreeMap::new();
+/// Solves a closed recording, as a replay does.
+pub(super) fn solve(path: &Path, json: bool, noted: bool) -> anyhow::Result<Exit> {
+    let bar = Bar::new("looking at images");
+    let solved = solve_recording(path, &mut |_| Ok(Vec::new()), None, &|done, total| bar.show(done, total))?;
+    replay::finish(&solved, Some(&replay::folder_of(path)), json)?;
+    let exit = exit::of_session(&solved, true);
+    Ok(if noted && exit == Exit::Ok { Exit::Warnings } else { exit })
+}
+
+fn attachments(texts: &CellTexts) -> Vec<Attachment> {
+    let script = Attachment { name: "motion.script".into(), data: MOTION_SCRIPT.as_bytes().to_vec() };
+    let mut all = texts.attachments();
+    all.push(script);
+    all
+}
+
+fn about(session_id: String, texts: &CellTexts, bench: &Bench, options: &RunOptions, seed: Option<u64>) -> About {
+    let mut facts: std::collections::BTreeMap<_, _> = options.to_facts().collect();
     facts.insert("cell_sha256".into(), sha256(texts.cell.1.as_bytes()));
-    facts.insert("robot".into(), "simulated UR5e over RTDE and URScript".into());
+    facts.insert("motion_script_sha256".into(), crate::devices::ur::script_sha256());
+    facts.insert("robot".into(), bench.robot.clone());
+    facts.extend(seed.map(|seed| ("sim_seed".to_owned(), seed.to_string())));
     let program_version = env!("CARGO_PKG_VERSION").into();
     About { format_version: FORMAT_VERSION, kind: Kind::Live, session_id, program_version, facts }
-}
-
-/// Nothing moves any more and the recording is closed: a signal may end the program at once.
-static SOLVING: AtomicBool = AtomicBool::new(false);
-
-/// A flag that Ctrl-C and SIGTERM raise: the session stops the arm and ends.
-fn interrupts() -> anyhow::Result<&'static AtomicBool> {
-    static RAISED: AtomicBool = AtomicBool::new(false);
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
-    std::thread::spawn(move || {
-        runtime.block_on(async {
-            let Ok(mut terminate) = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate()) else {
-                return;
-            };
-            let Ok(mut hang_up) = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::hangup()) else {
-                return;
-            };
-            loop {
-                tokio::select! {
-                    _ = tokio::signal::ctrl_c() => {}
-                    _ = terminate.recv() => {}
-                    // A lost connection of the operator must not leave the arm moving.
-                    _ = hang_up.recv() => {}
-                }
-                if SOLVING.load(Ordering::Relaxed) {
-                    std::process::exit(130);
-                }
-                RAISED.store(true, Ordering::Relaxed);
-            }
-        });
-    });
-    Ok(&RAISED)
-}
-
-fn tell(end: &End) {
-    match end {
-        End::Complete => {}
-        End::PreflightFailed(findings) => {
-            say("pre-flight failed; the arm has not been moved:");
-            findings.iter().for_each(|f| say(&format!("  {f}")));
-        }
-        End::OperatorNeeded(why) => say(&format!("stopped, an operator is needed: {why}")),
-        End::Aborted(why) => say(&format!("aborted: {why}")),
-        End::Interrupted => say("interrupted; what was captured is kept"),
-        End::Cut => say("the session ended early"),
-    }
-}
-
-/// Says what the arm does, pose by pose.
-struct Steps<'a> {
-    plan: &'a Plan,
-}
-
-impl<'a> Steps<'a> {
-    fn new(plan: &'a Plan) -> Self {
-        say(&format!("{} poses, about {:.0} s of robot time", plan.poses.len(), plan.duration_s));
-        Self { plan }
-    }
-
-    fn hear(&mut self, command: &Command) {
-        let total = self.plan.poses.len();
-        let id = |pose: usize| self.plan.poses.get(pose).map_or("?", |p| p.id.as_str());
-        match command {
-            Command::Move { .. } => {}
-            Command::Capture { pose, attempt: 0 } => {
-                say(&format!("[{:>3}/{total}] {} still, capturing", pose + 1, id(*pose)))
-            }
-            Command::Capture { pose, attempt } => {
-                say(&format!("[{:>3}/{total}] {} still again, capture {}", pose + 1, id(*pose), attempt + 1));
-            }
-            Command::Wait { pose, .. } => say(&format!("[{:>3}/{total}] {} disturbed, waiting", pose + 1, id(*pose))),
-            Command::Stop { why } => say(&format!("stop: {why}")),
-            Command::Finish => {}
-        }
-    }
 }

@@ -4,6 +4,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::robot::{Interlock, MotionBy, Signals, ToolShape};
 use crate::board::Board;
 use crate::calibration::settings::{Carried, Gates, PoseKind, Settings};
 use crate::geometry::{Base, Camera, Event, Flange, Pinhole, Rgb, Sensor, Target, Tcp, Transform, kinematics::Joints};
@@ -102,10 +103,34 @@ pub struct RobotCell {
     pub allow_reduced: bool,
     /// What counts as standing still.
     pub stillness: Stillness,
-    /// Where no part of tool or board may go, in `base`.
+    /// Where no part of arm, tool or board may go, in `base`.
     pub keep_out: Vec<KeepOut>,
+    /// Distance that every part keeps from the boxes, m.
+    pub keep_out_margin_m: f64,
+    /// What is fixed to the flange, besides the board or the camera.
+    pub tool: Vec<ToolShape>,
     /// Farthest that a joint may be from home at the start, rad.
     pub start_within_rad: f64,
+    /// Software version that the controller must begin with, such as `5.12`.
+    pub controller_version: Option<String>,
+    /// Checksum of the kinematics that the controller must have, lower-case hexadecimal.
+    pub kinematics_checksum: Option<String>,
+    /// Smallest and largest position of the speed slider, 0 to 1.
+    pub speed_slider: [f64; 2],
+    /// Samples per second, 500 / n Hz.
+    pub sample_hz: f64,
+    /// Inputs that must keep their values.
+    pub interlocks: Vec<Interlock>,
+    /// An input that shows that the gripper holds nothing; looked at before the first move.
+    pub gripper_empty: Option<Interlock>,
+    /// Outputs that tell others what is going on.
+    pub signals: Signals,
+    /// Who moves the arm.
+    pub motion: MotionBy,
+    /// Whether the arm goes home when the last pose is done.
+    pub return_home: bool,
+    /// Program that is loaded, never started, when all is done.
+    pub load_program: Option<String>,
 }
 
 /// Drivers of arms.

@@ -10,6 +10,7 @@ use super::cell_file::{
 use super::dictionaries;
 use super::error::Findings;
 use super::pose::PoseFile;
+use super::robot::{External, MotionBy};
 use crate::board::{Board, BoardError};
 use crate::calibration::settings::{Carried, Gates, Settings};
 use crate::geometry::{Camera, Transform};
@@ -140,6 +141,7 @@ fn robot(file: RobotFile, findings: &mut Findings<'_>) -> RobotCell {
             findings.add(&format!("robot.keep_out[{i}].min_m"), "is not below max_m in each of x, y and z");
         }
     }
+    check_controller(&file, findings);
     RobotCell {
         driver: file.driver,
         model: file.model,
@@ -154,8 +156,68 @@ fn robot(file: RobotFile, findings: &mut Findings<'_>) -> RobotCell {
         allow_reduced: file.allow_reduced,
         stillness: file.stillness,
         keep_out: file.keep_out,
+        keep_out_margin_m: metres(file.keep_out_margin_mm),
+        tool: file.tool.into_iter().map(Into::into).collect(),
         start_within_rad: file.start_within_deg.to_radians(),
+        controller_version: file.controller_version,
+        kinematics_checksum: file.kinematics_checksum.map(|c| c.to_ascii_lowercase()),
+        speed_slider: file.speed_slider,
+        sample_hz: file.sample_hz,
+        interlocks: file.interlocks,
+        gripper_empty: file.gripper_empty,
+        signals: file.signals,
+        motion: file.motion,
+        return_home: file.return_home,
+        load_program: file.load_program,
     }
+}
+
+/// What is said about the controller and the signals around it.
+fn check_controller(file: &RobotFile, findings: &mut Findings<'_>) {
+    let [slowest, fastest] = file.speed_slider;
+    if slowest > fastest {
+        findings.add("robot.speed_slider", format!("is {slowest} to {fastest}: give the smallest first"));
+    }
+    let divider = 500.0 / file.sample_hz;
+    let whole = (divider - divider.round()).abs() < 1e-9;
+    if !whole {
+        let [slower, faster] = [divider.ceil(), divider.floor()].map(|n| 500.0 / n);
+        findings.add(
+            "robot.sample_hz",
+            format!("is {}, which is not 500 / n: use {slower:.3} or {faster:.3}", file.sample_hz),
+        );
+    }
+    if let Some(checksum) = &file.kinematics_checksum {
+        let is_hex = checksum.len() == 48 && checksum.bytes().all(|b| b.is_ascii_hexdigit());
+        if !is_hex {
+            findings.add(
+                "robot.kinematics_checksum",
+                format!("is {checksum:?}: give the 48 hexadecimal digits that `cellcal robot kinematics` prints"),
+            );
+        }
+    }
+    if let Some(program) = file.load_program.as_ref().filter(|p| !is_program_name(p)) {
+        findings.add("robot.load_program", format!("is {program:?}: give the name of a program, ending in .urp"));
+    }
+    if let MotionBy::External(External { at_pose, captured, patience_s }) = &file.motion {
+        for (key, line) in [("at_pose", at_pose), ("captured", captured)] {
+            if let Some(problem) = line.problem() {
+                findings.add(&format!("robot.motion.external.{key}"), problem);
+            }
+        }
+        if at_pose == captured {
+            findings.add("robot.motion.external.captured", "is the same as at_pose: give another");
+        }
+        if !(1.0..=3600.0).contains(patience_s) {
+            findings.add("robot.motion.external.patience_s", format!("is {patience_s}, outside 1 to 3600"));
+        }
+    }
+}
+
+/// Sent to the dashboard as one line: no line ends, no surprises.
+fn is_program_name(name: &str) -> bool {
+    let fine = |c: char| c.is_ascii_alphanumeric() || "-_./ ".contains(c);
+    name.ends_with(".urp") && name.len() <= 200 && name.chars().all(fine)
 }
 
 fn limits(file: &LimitsFile, home_deg: [f64; 6], findings: &mut Findings<'_>) -> MotionLimits {
@@ -267,6 +329,8 @@ fn gates(file: &GatesFile) -> Gates {
         base_distance_mae_m: file.base_distance_mae_mm.map(metres),
         base_vector_mae_m: file.base_vector_mae_mm.map(metres),
         panel_spread_m: file.panel_spread_mm.map(metres),
+        kinematics_m: file.kinematics_mm.map(metres),
+        kinematics_rad: file.kinematics_deg.map(f64::to_radians),
     }
 }
 

@@ -8,6 +8,7 @@ use super::cell::{
     DisplayCell, EventDriver, FrameDriver, IntrinsicsSource, KeepOut, RobotDriver, SimCell, Stillness, TrajectoryUse,
 };
 use super::pose::PoseFile;
+use super::robot::{Interlock, MotionBy, Signals, ToolShapeFile};
 use crate::calibration::settings::{Carried, HandEyeMethod, Method, Pnp};
 use crate::geometry::Camera;
 
@@ -113,10 +114,61 @@ pub(super) struct RobotFile {
     #[serde(default)]
     #[garde(dive)]
     pub(super) stillness: Stillness,
-    /// Boxes in `base` that tool and board must not enter.
+    /// Boxes in `base` that arm, tool and board must not enter.
     #[serde(default)]
     #[garde(dive)]
     pub(super) keep_out: Vec<KeepOut>,
+    /// Distance that every part keeps from the boxes, millimetres.
+    #[serde(default)]
+    #[garde(range(min = 0.0, max = 1000.0))]
+    pub(super) keep_out_margin_mm: f64,
+    /// Capsules fixed to the flange: tool, gripper, brackets. The board or the camera is added by itself.
+    #[serde(default)]
+    #[garde(dive)]
+    pub(super) tool: Vec<ToolShapeFile>,
+    /// Software version that the controller must begin with, such as `5.12`.
+    pub(super) controller_version: Option<String>,
+    /// Checksum of the kinematics that the controller must have, as `cellcal robot kinematics` prints it.
+    pub(super) kinematics_checksum: Option<String>,
+    /// Smallest and largest position of the speed slider, 0 to 1.
+    #[serde(default = "default_speed_slider")]
+    #[garde(inner(range(min = 0.01, max = 1.0)))]
+    pub(super) speed_slider: [f64; 2],
+    /// Samples per second: 500 / n, at least 50.
+    #[serde(default = "default_sample_hz")]
+    #[garde(range(min = 50.0, max = 500.0))]
+    pub(super) sample_hz: f64,
+    /// Inputs that must keep their values; the loss of one stops the arm.
+    #[serde(default)]
+    #[garde(dive)]
+    pub(super) interlocks: Vec<Interlock>,
+    /// An input that shows that the gripper holds nothing; looked at before the first move.
+    #[garde(dive)]
+    pub(super) gripper_empty: Option<Interlock>,
+    /// Outputs that tell others what is going on.
+    #[serde(default)]
+    #[garde(dive)]
+    pub(super) signals: Signals,
+    /// `script` (our own, uploaded once per session) or `external: {at_pose: ..., captured: ...}`.
+    #[serde(default)]
+    pub(super) motion: MotionBy,
+    /// Whether the arm goes home when the last pose is done.
+    #[serde(default = "yes")]
+    pub(super) return_home: bool,
+    /// Program that is loaded, never started, when all is done.
+    pub(super) load_program: Option<String>,
+}
+
+fn default_speed_slider() -> [f64; 2] {
+    [0.1, 1.0]
+}
+
+fn default_sample_hz() -> f64 {
+    125.0
+}
+
+fn yes() -> bool {
+    true
 }
 
 fn default_start_within_deg() -> f64 {
@@ -321,6 +373,12 @@ pub(super) struct GatesFile {
     /// Largest distance between the translations of two hand-eye solvers, millimetres.
     #[garde(range(min = 0.001, max = 1000.0))]
     pub(super) panel_spread_mm: Option<f64>,
+    /// Largest distance between the controller's pose of the flange and its kinematics or the URDF, millimetres.
+    #[garde(range(min = 0.001, max = 1000.0))]
+    pub(super) kinematics_mm: Option<f64>,
+    /// Largest angle between them, degrees.
+    #[garde(range(min = 0.0001, max = 180.0))]
+    pub(super) kinematics_deg: Option<f64>,
 }
 
 /// How numbers are made.

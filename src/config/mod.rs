@@ -12,6 +12,7 @@ mod dictionaries;
 mod error;
 mod pose;
 mod read;
+mod robot;
 mod source;
 #[cfg(test)]
 mod tests;
@@ -24,6 +25,7 @@ pub use cell::{
     KeepOut, MotionLimits, Mount, Nominal, RobotCell, RobotDriver, Section, SimCell, Stillness, TrajectoryUse,
 };
 pub use error::{ConfigError, Problem};
+pub use robot::{DigitalOutput, External, Interlock, Line, MotionBy, Signals, ToolShape};
 pub use trajectory::{BoardView, Motion, Pair, Pattern, Ring, Segment, Start, Stop, Trajectory};
 
 pub use crate::calibration::settings::{Carried, Gates, PoseKind, Settings};

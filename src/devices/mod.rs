@@ -6,16 +6,23 @@
 pub mod rtde;
 pub mod sim;
 pub mod ur;
+mod wall_clock;
+
+pub use wall_clock::WallClock;
 
 use crate::geometry::Camera;
 use crate::image::GrayImage;
-use crate::session::{Exposure, MoveTarget, RobotSample, Stamp};
+use crate::session::{Exposure, MoveTarget, RobotFacts, RobotSample, Stamp};
 
 /// A robot arm.
 ///
 /// The caller must call [`Robot::heartbeat`] after judging every sample: when heartbeats stop, the
 /// controller stops the arm by itself.
 pub trait Robot: Send {
+    /// The controller and the arm as they described themselves.
+    fn facts(&self) -> RobotFacts;
+    /// Starts the program that moves the arm; it holds the arm where it is. Samples show when it is there.
+    fn start_program(&mut self) -> Result<(), RobotError>;
     /// Waits for the next sample.
     fn next_sample(&mut self) -> Result<(Stamp, RobotSample), RobotError>;
     /// Starts a move and returns its sequence number at once; progress arrives through the samples.
@@ -24,8 +31,9 @@ pub trait Robot: Send {
     fn heartbeat(&mut self) -> Result<(), RobotError>;
     /// Stops as fast as the controller safely allows. Must work in every state.
     fn stop(&mut self) -> Result<(), RobotError>;
-    /// Stops our program on the controller; the arm stays where it is.
-    fn finish(&mut self) -> Result<(), RobotError>;
+    /// Stops our program on the controller; the arm stays where it is. `load` names a program that is loaded
+    /// then, never started.
+    fn finish(&mut self, load: Option<&str>) -> Result<(), RobotError>;
 }
 
 /// The session's clock.

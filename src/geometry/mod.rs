@@ -1,4 +1,4 @@
-//! Frames, typed transforms, points and rotations; the kinematic chain of an arm.
+//! Frames, typed transforms, points, rotations and capsules; the kinematic chain of an arm.
 //!
 //! Conventions, in this one place: frames are right-handed; cameras look along +z with x right and
 //! y down; pixel (0, 0) is the centre of the top-left pixel; quaternions are stored x, y, z, w with
@@ -17,12 +17,14 @@
 //!
 //! Uses nothing of the crate. Start at [`Transform`].
 
+mod capsule;
 mod frames;
 pub mod kinematics;
 mod pinhole;
 pub mod rotation;
 mod transform;
 
+pub use capsule::{Capsule, Nearest};
 pub use frames::{Base, Camera, Event, Flange, Frame, Rgb, Sensor, Target, Tcp};
 pub use pinhole::Pinhole;
 pub use transform::{Point, Transform};

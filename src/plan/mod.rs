@@ -1,8 +1,9 @@
 //! Before any motion: every pose of a session, with reach, limits, keep-out boxes, view and duration checked.
 //!
 //! Pure: no files, no clock. Uses `geometry`, `board` and `config`.
-//! Start at [`expand`].
+//! Start at [`expand`]; [`Clearance`] and [`joint_move`] are for moves that come up at run time.
 
+mod clearance;
 mod motion;
 mod reach;
 mod sight;
@@ -10,15 +11,17 @@ mod stops;
 mod target;
 #[cfg(test)]
 mod tests;
+mod way;
 
 use std::collections::BTreeSet;
 
-use crate::config::{Cell, PoseKind, Trajectory};
+use crate::config::{Cell, MotionBy, PoseKind, Trajectory};
 use crate::geometry::{
     Base, Camera, Tcp, Transform,
     kinematics::{Arm, Joints, Unreachable},
 };
 
+pub use clearance::{Clearance, Gap};
 pub use target::MoveTarget;
 
 use stops::Stop;
@@ -28,10 +31,21 @@ use stops::Stop;
 pub struct Plan {
     /// The poses.
     pub poses: Vec<PlannedPose>,
-    /// Estimated duration, from home to the last capture, seconds.
+    /// The move from the last pose to the home position of the cell, where the cell wants it and we move the arm.
+    pub home: Option<PlannedMove>,
+    /// Estimated duration, from home to the last capture and home again, seconds.
     pub duration_s: f64,
     /// What is allowed but worth knowing.
     pub warnings: Vec<String>,
+}
+
+/// A move that no capture follows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlannedMove {
+    /// Where to and how fast.
+    pub target: MoveTarget,
+    /// Estimated time, seconds.
+    pub move_s: f64,
 }
 
 /// One stop, ready to be moved to.
@@ -84,9 +98,9 @@ impl std::fmt::Display for PlanError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{file}: pose {pose} {why}")]
 pub struct PoseProblem {
-    /// The trajectory file.
+    /// The trajectory file; the name of the cell for its home position.
     pub file: String,
-    /// Id of the pose.
+    /// Id of the pose; `home` for the home position of the cell.
     pub pose: String,
     /// What is wrong and what to do.
     pub why: Refusal,
@@ -120,15 +134,20 @@ pub enum Refusal {
         "cannot be reached on a straight line: the arm must change its configuration on the way; use `move: joint`"
     )]
     NoStraightLine,
-    /// Something of arm, tool or board enters a box.
-    #[error("brings the {part} to {:.3}, {:.3}, {:.3} m, inside the keep-out box `{name}`, on its way there; move the pose, or visit another one first", .at_m[0], .at_m[1], .at_m[2])]
+    /// Something of arm, tool or board enters a box, or comes nearer than the margin.
+    #[error(
+        "brings the {part} to {:.3}, {:.3}, {:.3} m, {}, on its way there; move the pose, or visit another one first",
+        .at_m[0], .at_m[1], .at_m[2], beside(.name, *.gap_m)
+    )]
     KeepOut {
         /// Name of the box.
         name: String,
         /// What enters it.
-        part: &'static str,
-        /// Where it is then, in `base`, metres.
+        part: String,
+        /// The point of it that is in the box, or nearest to it, in `base`, metres.
         at_m: [f64; 3],
+        /// Free space between the part and the box, metres; negative inside.
+        gap_m: f64,
     },
     /// No camera sees the board.
     #[error("shows no corner of the board to any camera; move it, or correct `nominal` of the cell")]
@@ -141,22 +160,33 @@ pub enum Refusal {
     DoubledId,
 }
 
+fn beside(name: &str, gap_m: f64) -> String {
+    if gap_m > 0.0 {
+        format!("{:.1} mm from the keep-out box `{name}` and nearer than `keep_out_margin_mm`", gap_m * 1e3)
+    } else {
+        format!("inside the keep-out box `{name}`")
+    }
+}
+
 /// All poses of the trajectories with the nominal UR5e; see [`expand_with`].
 pub fn expand(cell: &Cell, trajectories: &[(PoseKind, Trajectory)]) -> Result<Plan, PlanError> {
     expand_with(cell, &Arm::ur5e(), trajectories)
 }
 
-/// All poses of the trajectories, in order, from the home position of the cell; every pose that cannot be
+/// All poses of the trajectories, in order, from the home position of the cell and back; every pose that cannot be
 /// visited is in the error.
 pub fn expand_with(cell: &Cell, arm: &Arm, trajectories: &[(PoseKind, Trajectory)]) -> Result<Plan, PlanError> {
     let mut planner = Planner {
         cell,
         arm,
+        clearance: Clearance::of(cell, arm),
         now_rad: cell.robot.home_joints_rad,
         ids: BTreeSet::new(),
-        plan: Plan { poses: Vec::new(), duration_s: 0.0, warnings: Vec::new() },
+        plan: Plan { poses: Vec::new(), home: None, duration_s: 0.0, warnings: Vec::new() },
         problems: Vec::new(),
     };
+    // From a home position that is not clear no pose can be reached: one problem, not one for each of them.
+    planner.clearance.at(&cell.robot.home_joints_rad).map_err(|why| not_home(cell, why))?;
     for (kind, trajectory) in trajectories {
         let first = planner.plan.poses.len();
         for stop in stops::of(cell, trajectory) {
@@ -166,8 +196,29 @@ pub fn expand_with(cell: &Cell, arm: &Arm, trajectories: &[(PoseKind, Trajectory
         let seen = sight::warnings(cell, &trajectory.file, &planner.plan.poses[first..]);
         planner.plan.warnings.extend(seen);
     }
-    let Planner { plan, problems, .. } = planner;
-    if problems.is_empty() { Ok(plan) } else { Err(PlanError { problems }) }
+    if planner.problems.is_empty() {
+        planner.go_home()?;
+        Ok(planner.plan)
+    } else {
+        Err(PlanError { problems: planner.problems })
+    }
+}
+
+/// A joint move that came up at run time: within the joint limits, clear of all boxes, slow enough for the caps of
+/// joints and TCP times `speed_factor` (0.01 to 1; beyond, the nearer of the two). With its time, seconds.
+pub fn joint_move(
+    cell: &Cell,
+    arm: &Arm,
+    from: &Joints,
+    to: &Joints,
+    speed_factor: f64,
+) -> Result<(MoveTarget, f64), Refusal> {
+    let planned = motion::joint_move(cell, arm, &Clearance::of(cell, arm), [from, to], speed_factor)?;
+    Ok((planned.target, planned.move_s))
+}
+
+fn not_home(cell: &Cell, why: Refusal) -> PlanError {
+    PlanError { problems: vec![PoseProblem { file: cell.name.clone(), pose: "home".into(), why }] }
 }
 
 /// A joint that turns farther than this between two poses is worth a warning, rad.
@@ -176,6 +227,7 @@ const FAR_RAD: f64 = 2.0;
 struct Planner<'a> {
     cell: &'a Cell,
     arm: &'a Arm,
+    clearance: Clearance,
     /// Where the arm is after the last pose that worked.
     now_rad: Joints,
     ids: BTreeSet<String>,
@@ -199,9 +251,8 @@ impl Planner<'_> {
     }
 
     fn planned(&self, kind: PoseKind, stop: Stop) -> Result<PlannedPose, Refusal> {
-        let Self { cell, arm, now_rad, .. } = self;
-        let leg = motion::leg(cell, arm, now_rad, &stop.goal, stop.motion)?;
-        motion::keep_out(cell, arm, &leg)?;
+        let Self { cell, arm, clearance, now_rad, .. } = self;
+        let leg = motion::leg(cell, arm, clearance, now_rad, &stop.goal, stop.motion)?;
         let corners_in_view = sight::corners_in_view(cell, leg.base_from_tcp)?;
         Ok(PlannedPose {
             id: stop.id,
@@ -213,6 +264,18 @@ impl Planner<'_> {
             corners_in_view,
             move_s: leg.duration_s,
         })
+    }
+
+    fn go_home(&mut self) -> Result<(), PlanError> {
+        let Self { cell, arm, clearance, now_rad, plan, .. } = self;
+        let robot = &cell.robot;
+        if robot.return_home && robot.motion == MotionBy::Script && !plan.poses.is_empty() {
+            let home = motion::joint_move(cell, arm, clearance, [now_rad, &robot.home_joints_rad], 1.0);
+            let home = home.map_err(|why| not_home(cell, why))?;
+            plan.duration_s += home.move_s;
+            plan.home = Some(home);
+        }
+        Ok(())
     }
 
     fn warn_of_far_turns(&mut self, file: &str, planned: &PlannedPose) {

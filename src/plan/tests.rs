@@ -178,6 +178,7 @@ fn a_goal_outside_the_joint_limits() {
     let mut limits = [[-6.3, 6.3]; 6];
     limits[0] = [1.0, 1.5];
     cell.robot.limits.joints_rad = Some(limits);
+    cell.robot.home_joints_rad[0] = 1.4;
     let refused = refusal(&cell, &format!("  - {{pattern: views, poses: [{{view: {CENTRE}}}]}}\n"));
     assert!(refused.starts_with("t.yaml: pose t-01 needs shoulder_pan_joint at "), "{refused}");
 }
@@ -193,6 +194,59 @@ fn a_box_on_the_way_is_seen() {
     cell.robot.keep_out.push(KeepOut { name: "post".into(), min_m: around(-0.004), max_m: around(0.004) });
     let refused = refusal(&cell, yaml);
     assert!(refused.starts_with("t.yaml: pose t-02 brings the TCP to ") && refused.contains("`post`"), "{refused}");
+}
+
+#[test]
+fn the_way_home_is_planned_like_every_other() {
+    let mut cell = sim();
+    let yaml = format!("  - {{pattern: views, poses: [{{view: {CENTRE}}}]}}\n");
+    let plan = plan_of(&cell, &yaml).unwrap();
+    let home = plan.home.unwrap();
+    let MoveTarget::Joint { joints_rad, speed_rad_s, .. } = home.target else { panic!("{home:?}") };
+    assert_eq!(joints_rad, cell.robot.home_joints_rad);
+    assert!(speed_rad_s > 0.0 && speed_rad_s <= cell.robot.limits.joint_speed_rad_s);
+    let there = &plan.poses[0];
+    assert!(home.move_s > 0.0 && plan.duration_s > there.move_s + home.move_s, "{plan:?}");
+
+    let refused = |cell: &Cell| plan_of(cell, &yaml).unwrap_err().problems;
+    let home_tcp_m = (Arm::ur5e().forward(&cell.robot.home_joints_rad) * cell.robot.tcp_offset).translation_m();
+    let around = |by: f64| home_tcp_m.map(|v| v + by);
+    cell.robot.keep_out.push(KeepOut { name: "post".into(), min_m: around(-0.01), max_m: around(0.01) });
+    let [problem] = refused(&cell).try_into().unwrap();
+    assert_eq!((problem.file.as_str(), problem.pose.as_str()), ("sim", "home"));
+    assert!(problem.to_string().contains("inside the keep-out box `post`"), "{problem}");
+    cell.robot.keep_out.clear();
+    cell.robot.return_home = false;
+    let stay = plan_of(&cell, &yaml).unwrap();
+    assert!(stay.home.is_none() && stay.duration_s < plan.duration_s);
+}
+
+#[test]
+fn a_move_at_run_time_keeps_caps_and_boxes() {
+    let mut cell = sim();
+    let (arm, home) = (Arm::ur5e(), cell.robot.home_joints_rad);
+    let from: Joints = std::array::from_fn(|i| home[i] + if i == 0 { 0.2 } else { 0.05 });
+    let (full, full_s) = joint_move(&cell, &arm, &from, &home, 1.0).unwrap();
+    let MoveTarget::Joint { joints_rad, speed_rad_s, acceleration_rad_s2 } = full else { panic!("{full:?}") };
+    assert_eq!(joints_rad, home);
+    // The TCP is 0.5 m from the base axis: 0.25 m/s are about 0.5 rad/s.
+    assert!((0.3..0.6).contains(&speed_rad_s) && acceleration_rad_s2 <= 1.4, "{full:?}");
+    for (factor, share) in [(0.25, 0.25), (4.0, 1.0), (-1.0, 0.01), (f64::NAN, 0.01)] {
+        let (slow, slow_s) = joint_move(&cell, &arm, &from, &home, factor).unwrap();
+        let MoveTarget::Joint { speed_rad_s: found, .. } = slow else { panic!("{slow:?}") };
+        assert!((found - share * speed_rad_s).abs() < 1e-12 && slow_s >= full_s, "{factor}: {slow:?} {slow_s} s");
+    }
+    let middle = std::array::from_fn(|i| 0.5 * (from[i] + home[i]));
+    let at_m = (arm.forward(&middle) * cell.robot.tcp_offset).translation_m();
+    let sheet = KeepOut { name: "sheet".into(), min_m: at_m, max_m: at_m.map(|v| v + 1e-5) };
+    cell.robot.keep_out.push(sheet);
+    let refused = joint_move(&cell, &arm, &from, &home, 1.0).unwrap_err();
+    assert!(matches!(&refused, Refusal::KeepOut { name, .. } if name == "sheet"), "{refused:?}");
+    cell.robot.keep_out.clear();
+    assert!(joint_move(&cell, &arm, &[f64::NAN; 6], &home, 1.0).is_err());
+    let far = [7.0, home[1], home[2], home[3], home[4], home[5]];
+    let refused = joint_move(&cell, &arm, &far, &home, 1.0).unwrap_err();
+    assert!(matches!(&refused, Refusal::JointLimit { joint, .. } if joint == "shoulder_pan_joint"), "{refused:?}");
 }
 
 #[test]

@@ -4,6 +4,7 @@
 //! happened, the cell and trajectory text, versions and hashes. A replay needs nothing else. Uses
 //! `session`, `events`, `calibration`, `board`, `geometry`. Start at [`Writer`] and [`Recording`].
 
+mod background;
 mod cdr;
 pub mod import;
 mod reader;
@@ -11,6 +12,7 @@ pub mod scan;
 mod setup;
 mod writer;
 
+pub use background::Background;
 pub use cdr::EventPacket;
 pub use reader::{Entry, Recording};
 pub use setup::{About, Attachment, FORMAT_VERSION, ImportSetup, Kind};
@@ -68,6 +70,14 @@ pub enum RecordingError {
         found: u32,
         /// Version known.
         known: u32,
+    },
+    /// A live session written before a controller described itself in it.
+    #[error("{path} has session format {found}, written by an older cellcal; replay it with that version")]
+    Older {
+        /// The file.
+        path: PathBuf,
+        /// Version found.
+        found: u32,
     },
     /// A part that every session has is missing or unreadable.
     #[error("{path}: {what}")]

@@ -9,7 +9,7 @@ use foxglove::messages::CompressedImage;
 use super::RecordingError;
 use super::cdr::EventPacket;
 use super::scan::{self, Scan};
-use super::setup::{About, FORMAT_VERSION, ImportSetup};
+use super::setup::{About, FORMAT_VERSION, ImportSetup, Kind};
 use crate::session::{Command, Input, Stamp};
 
 /// Topics of a session.
@@ -72,6 +72,9 @@ impl Recording {
         if about.format_version > FORMAT_VERSION {
             let (found, known) = (about.format_version, FORMAT_VERSION);
             return Err(RecordingError::Newer { path: path.into(), found, known });
+        }
+        if about.format_version < 2 && about.kind == Kind::Live {
+            return Err(RecordingError::Older { path: path.into(), found: about.format_version });
         }
         let mut entries = Vec::with_capacity(messages.len());
         for (number, message) in messages.into_iter().enumerate() {

@@ -10,7 +10,7 @@ use crate::calibration::settings::PoseKind;
 use crate::geometry::Camera;
 
 /// Version of the session format that this program writes and the newest that it reads.
-pub const FORMAT_VERSION: u32 = 1;
+pub const FORMAT_VERSION: u32 = 2;
 
 /// Where a session comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -8,6 +8,7 @@ use crate::board::Board;
 use crate::calibration::checks::{BaseDistance, DistanceScore, PairDistance, PoseDistance, TargetInBase, TargetToTcp};
 use crate::calibration::checks::{PlaceScore, PosePlace};
 use crate::calibration::gates::{Status, Verdict};
+use crate::calibration::kinematics::{ConstantPart, KinematicsResult, ModelMismatch, PoseMismatch};
 use crate::calibration::hand_eye::{HandEyeMethod, Influence, METHODS, Uncertainty, UncertaintyMethod};
 use crate::calibration::observability::Observability;
 use crate::calibration::result::{
@@ -15,7 +16,7 @@ use crate::calibration::result::{
     Timing,
 };
 use crate::calibration::settings::{Gates, PoseKind, Settings};
-use crate::geometry::{Base, Camera, Sensor, Target, Tcp, Transform};
+use crate::geometry::{Base, Camera, Sensor, Target, Tcp, Transform, rotation};
 
 const TRUTH_M: f64 = 0.0678;
 
@@ -265,6 +266,8 @@ fn provenance() -> Provenance {
             base_distance_mae_m: Some(0.002),
             base_vector_mae_m: Some(0.002),
             panel_spread_m: Some(0.003),
+            kinematics_m: Some(0.01),
+            kinematics_rad: None,
         }),
         facts: text(&[("recorded_by", "cellcal 0.1.0"), ("robot", "simulated UR5e over RTDE and URScript")]),
         sha256: text(&[("cell", &"0123456789abcdef".repeat(4)), ("recording", &"fedcba9876543210".repeat(4))]),
@@ -305,6 +308,7 @@ pub(super) fn session() -> CalibrationResult {
         }),
         hand_eye: Some(hand_eye()),
         checks,
+        kinematics: Some(kinematics()),
         timing: Some(Timing {
             offset_s: 12.345_678,
             drift_ppm: -3.21,
@@ -368,4 +372,25 @@ pub(super) fn nothing() -> CalibrationResult {
     ];
     result.not_computed = reasons.into_iter().map(|(k, v)| (k.into(), v.into())).collect();
     result
+}
+
+fn kinematics() -> KinematicsResult {
+    let mismatch = |max_m: f64| ModelMismatch {
+        mean_m: 0.8 * max_m,
+        max_m,
+        mean_rad: 0.002,
+        max_rad: 0.003,
+        worst_pose: 1,
+        per_pose: vec![
+            PoseMismatch { pose: 0, position_m: 0.6 * max_m, angle_rad: 0.001 },
+            PoseMismatch { pose: 1, position_m: max_m, angle_rad: 0.003 },
+        ],
+    };
+    let transform = Transform::from_parts([0.001, -0.0005, 0.0002], rotation::from_vector([0.0, 0.0, 0.002]));
+    KinematicsResult {
+        controller_dh: Some(mismatch(2e-5)),
+        urdf: Some(mismatch(3.4e-3)),
+        urdf_from_controller: Some(ConstantPart { transform, rest_mean_m: 1.1e-3, rest_max_m: 1.6e-3 }),
+        not_computed: BTreeMap::new(),
+    }
 }

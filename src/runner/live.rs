@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::World;
 use crate::cv::codec;
 use crate::devices::{CameraError, Clock, EventCamera, FrameCamera, FrameImage, RawEvents, Robot};
-use crate::recording::{EventPacket, RecordingError, Writer};
+use crate::recording::{Background, EventPacket, RecordingError, Writer};
 use crate::session::{Captured, Command, Input, Stamp};
 
 /// A capture that takes longer has failed, s.
@@ -22,9 +22,35 @@ pub enum LiveError {
     /// The log cannot be written: nothing may happen that is not logged.
     #[error("the session cannot be logged: {0}")]
     Recording(#[from] RecordingError),
-    /// An image cannot be encoded.
-    #[error("an image cannot be stored: {0}")]
-    Image(#[from] crate::cv::CvError),
+}
+
+/// Whoever can answer a question while the arm is held.
+pub trait Operator {
+    /// Asks; the answer comes later.
+    fn ask(&mut self, question: &str);
+    /// The answer, once there is one.
+    fn answer(&mut self) -> Option<bool>;
+}
+
+/// Nobody is there: every question is answered with no.
+#[derive(Debug, Default)]
+pub struct Nobody;
+
+impl Operator for Nobody {
+    fn ask(&mut self, _question: &str) {}
+
+    fn answer(&mut self) -> Option<bool> {
+        Some(false)
+    }
+}
+
+/// What a session tells while it runs.
+#[derive(Debug)]
+pub enum Told<'a> {
+    /// A command that is carried out.
+    Command(&'a Command),
+    /// Something that went wrong at the end, and does not change what was captured.
+    Note(String),
 }
 
 /// The devices of a cell.
@@ -42,11 +68,13 @@ pub struct Devices {
 /// Live devices as a world.
 pub struct Live<'a> {
     devices: Devices,
-    writer: Writer,
+    writer: Background,
+    operator: &'a mut dyn Operator,
+    asking: bool,
     images_per_pose: u32,
     image_period_s: f64,
     interrupted: &'a AtomicBool,
-    progress: &'a mut dyn FnMut(&Command),
+    progress: &'a mut dyn FnMut(Told<'_>),
     capture: Option<Capture>,
     /// Stamped when they were made, handed out one by one.
     pending: VecDeque<(Stamp, Input)>,
@@ -65,36 +93,47 @@ struct Capture {
 }
 
 impl<'a> Live<'a> {
-    /// Drives `devices` and logs to `writer`; `progress` hears every command.
+    /// Drives `devices` and logs to `writer`; `operator` answers questions, `progress` hears what happens.
     pub fn new(
         devices: Devices,
         writer: Writer,
         timing: (u32, f64),
         interrupted: &'a AtomicBool,
-        progress: &'a mut dyn FnMut(&Command),
-    ) -> Self {
+        operator: &'a mut dyn Operator,
+        progress: &'a mut dyn FnMut(Told<'_>),
+    ) -> Result<Self, LiveError> {
         let (images_per_pose, image_period_s) = timing;
-        let (capture, pending) = (None, VecDeque::new());
-        let (heartbeat_due, packets) = (false, 0);
-        Self {
+        let writer = Background::new(writer, |image| codec::encode_png(image).map_err(|e| e.to_string()))?;
+        let facts = Input::Connected(Box::new(devices.robot.facts()));
+        let pending = VecDeque::from([(devices.clock.now(), facts)]);
+        Ok(Self {
             devices,
             writer,
+            operator,
+            asking: false,
             images_per_pose,
             image_period_s,
             interrupted,
             progress,
-            capture,
+            capture: None,
             pending,
-            heartbeat_due,
-            packets,
-        }
+            heartbeat_due: false,
+            packets: 0,
+        })
+    }
+
+    /// Goes on with a session whose past is in the recording already.
+    pub fn resumed(mut self) -> Self {
+        let at = self.pending.front().map_or_else(|| self.devices.clock.now(), |(at, _)| *at);
+        self.pending.push_front((at, Input::Resumed));
+        self
     }
 
     /// Stops the arm after an error; what was logged stays in the `.partial` file that is returned.
     pub fn abandon(&mut self) -> std::path::PathBuf {
         // Where the stop does not get through, the heartbeats have ended and the controller stops by itself.
         drop(self.devices.robot.stop());
-        self.writer.partial()
+        self.writer.abandon()
     }
 
     /// Closes the recording and gives it its final name.
@@ -158,9 +197,9 @@ impl<'a> Live<'a> {
         packets: Vec<RawEvents>,
     ) -> Result<(), LiveError> {
         let mut exposures = Vec::new();
-        for FrameImage { exposure, image } in &frames {
-            self.writer.image(Stamp::from_seconds(exposure.start_s), &codec::encode_png(image)?, "png")?;
-            exposures.push(*exposure);
+        for FrameImage { exposure, image } in frames {
+            self.writer.image(Stamp::from_seconds(exposure.start_s), image)?;
+            exposures.push(exposure);
         }
         let now = self.devices.clock.now();
         let size = self.devices.event.as_ref().map_or([0, 0], |event| event.size());
@@ -177,7 +216,7 @@ impl<'a> Live<'a> {
                 encoding: "evt3".into(),
                 events: words,
             };
-            self.writer.events(now, &packet)?;
+            self.writer.events(now, packet)?;
         }
         let (pose, attempt) = (capture.pose, capture.attempt);
         let captured = Captured { pose, attempt, exposures, event_bytes, declared: None };
@@ -188,6 +227,12 @@ impl<'a> Live<'a> {
     fn wait_for_robot(&mut self) -> (Stamp, Input) {
         if self.interrupted.swap(false, Ordering::Relaxed) {
             return (self.devices.clock.now(), Input::Interrupted);
+        }
+        if self.asking
+            && let Some(yes) = self.operator.answer()
+        {
+            self.asking = false;
+            return (self.devices.clock.now(), if yes { Input::Confirmed } else { Input::Declined });
         }
         match self.devices.robot.next_sample() {
             Ok((at, sample)) => {
@@ -204,24 +249,40 @@ impl World for Live<'_> {
 
     fn execute(&mut self, command: &Command) -> Result<(), LiveError> {
         self.writer.command(self.devices.clock.now(), command)?;
-        (self.progress)(command);
-        match command {
-            Command::Move { target, .. } => {
-                if let Err(error) = self.devices.robot.start_move(target) {
-                    let at = self.devices.clock.now();
-                    self.pending.push_back((at, Input::RobotLost { why: error.to_string() }));
-                }
+        (self.progress)(Told::Command(command));
+        let robot = &mut self.devices.robot;
+        let begun = match command {
+            Command::Start => robot.start_program(),
+            Command::Move { target, .. } | Command::Travel { target, .. } => robot.start_move(target).map(drop),
+            Command::Confirm { question } => {
+                self.operator.ask(question);
+                self.asking = true;
+                Ok(())
             }
             Command::Capture { pose, attempt } => {
                 if let Err(error) = self.begin_capture(*pose, *attempt) {
                     let at = self.devices.clock.now();
                     self.pending.push_back((at, Input::CaptureFailed { pose: *pose, why: error.to_string() }));
                 }
+                Ok(())
             }
-            Command::Wait { .. } => {}
-            // A robot that is lost cannot hear us: its own watchdog stops it.
-            Command::Stop { .. } => drop(self.devices.robot.stop()),
-            Command::Finish => drop(self.devices.robot.finish()),
+            Command::Wait { .. } => Ok(()),
+            // The session is over: what fails now is told, and changes nothing that was captured.
+            Command::Stop { .. } => {
+                if let Err(error) = robot.stop() {
+                    (self.progress)(Told::Note(format!("{error}; the watchdog of the controller stops the arm")));
+                }
+                Ok(())
+            }
+            Command::Finish { load } => {
+                if let Err(error) = robot.finish(load.as_deref()) {
+                    (self.progress)(Told::Note(error.to_string()));
+                }
+                Ok(())
+            }
+        };
+        if let Err(error) = begun {
+            self.pending.push_back((self.devices.clock.now(), Input::RobotLost { why: error.to_string() }));
         }
         Ok(())
     }
@@ -244,6 +305,10 @@ impl World for Live<'_> {
             self.writer.sync()?;
         }
         Ok(Some((at, input)))
+    }
+
+    fn goes_on(&self) -> bool {
+        matches!(self.pending.front(), Some((_, Input::Resumed)))
     }
 
     fn finish(&mut self) -> Result<(), LiveError> {

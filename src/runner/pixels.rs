@@ -65,23 +65,54 @@ pub(super) fn look(
     outcome: &Outcome,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Seen {
-    let shots = shots(recording, outcome);
+    let parts = parts(recording);
+    let shots: Vec<Vec<Shot<'_>>> = parts.iter().map(|part| part.shots(outcome)).collect();
     let mut seen = Seen { views: vec![BTreeMap::new(); outcome.poses.len()], timing: None, problems: Vec::new() };
-    let counter = Counter::new(&shots, setup, progress);
-    let frames = frame_views(&shots, setup, &counter, &mut seen.problems);
-    put(&mut seen.views, Camera::Rgb, frames);
-    if let Some(event) = setup.cameras.get(&Camera::Event) {
-        let size = (event.width as u16, event.height as u16);
-        let windows = event_windows(recording, setup, &shots, outcome, &mut seen);
-        let events = event_views(recording, setup, size, &windows, &counter);
-        put(&mut seen.views, Camera::Event, events);
+    let counter = Counter::new(shots.iter().flatten(), setup, progress);
+    let (mut frames, mut events) = (Vec::new(), Vec::new());
+    for (part, shots) in parts.iter().zip(&shots) {
+        frames.extend(frame_views(shots, setup, &counter, &mut seen.problems));
+        if let Some(event) = setup.cameras.get(&Camera::Event) {
+            let size = (event.width as u16, event.height as u16);
+            let windows = event_windows(part, setup, shots, outcome, &mut seen);
+            events.extend(event_views(part, setup, size, &windows, &counter));
+        }
     }
-    count_lost_views(&shots, setup, &mut seen);
+    put(&mut seen.views, Camera::Rgb, frames);
+    put(&mut seen.views, Camera::Event, events);
+    if parts.len() > 1
+        && let Some(timing) = &mut seen.timing
+    {
+        timing.notes.push(format!("resumed {} times: each part has a clock offset of its own", parts.len() - 1));
+    }
+    count_lost_views(shots.iter().flatten(), setup, &mut seen);
     seen
 }
 
+/// What was recorded without a break: a resumed session has more than one part, each with its own event clock.
+struct Part<'a> {
+    entries: &'a [Entry],
+    /// Whether the first packets begin in the middle of a stream.
+    joins: bool,
+    /// Captures in the parts before.
+    captures_before: usize,
+}
+
+fn parts(recording: &Recording) -> Vec<Part<'_>> {
+    let joins = recording.about.kind == Kind::Live;
+    let mut captures_before = 0;
+    let split = recording.entries.split(|entry| matches!(entry, Entry::Input(_, Input::Resumed)));
+    let part = |entries: &'_ [Entry]| {
+        let count = entries.iter().filter(|e| matches!(e, Entry::Input(_, Input::Captured(_)))).count();
+        captures_before += count;
+        captures_before - count
+    };
+    let before: Vec<usize> = split.clone().map(part).collect();
+    split.zip(before).map(|(entries, captures_before)| Part { entries, joins, captures_before }).collect()
+}
+
 /// A camera that must have seen a pose but gave nothing has seen no corner there: it counts as missed.
-fn count_lost_views(shots: &[Shot<'_>], setup: &Setup, seen: &mut Seen) {
+fn count_lost_views<'a>(shots: impl Iterator<Item = &'a Shot<'a>>, setup: &Setup, seen: &mut Seen) {
     for shot in shots {
         let Some((pose, views)) = shot.pose.and_then(|p| Some((p, seen.views.get_mut(p)?))) else { continue };
         for camera in setup.cameras.keys() {
@@ -105,8 +136,12 @@ struct Counter<'a> {
 }
 
 impl<'a> Counter<'a> {
-    fn new(shots: &[Shot<'_>], setup: &Setup, progress: &'a (dyn Fn(usize, usize) + Sync)) -> Self {
-        let counted = shots.iter().filter(|s| s.pose.is_some()).count();
+    fn new<'s>(
+        shots: impl Iterator<Item = &'s Shot<'s>>,
+        setup: &Setup,
+        progress: &'a (dyn Fn(usize, usize) + Sync),
+    ) -> Self {
+        let counted = shots.filter(|s| s.pose.is_some()).count();
         let total = counted * setup.cameras.len();
         Self { done: 0.into(), total, progress }
     }
@@ -117,11 +152,12 @@ impl<'a> Counter<'a> {
     }
 }
 
+impl<'a> Part<'a> {
 /// Every exposure in order, with its image; the images of a capture stand before it in the recording.
-fn shots<'a>(recording: &'a Recording, outcome: &Outcome) -> Vec<Shot<'a>> {
+    fn shots(&self, outcome: &Outcome) -> Vec<Shot<'a>> {
     let mut images = Vec::new();
-    let (mut shots, mut capture) = (Vec::new(), 0);
-    for entry in &recording.entries {
+    let (mut shots, mut capture) = (Vec::new(), self.captures_before);
+    for entry in self.entries {
         match entry {
             Entry::Image(at, bytes) => images.push((*at, bytes.as_slice())),
             Entry::Input(_, Input::Captured(captured)) => {
@@ -145,6 +181,7 @@ fn shots<'a>(recording: &'a Recording, outcome: &Outcome) -> Vec<Shot<'a>> {
         }
     }
     shots
+}
 }
 
 fn frame_views(
@@ -192,7 +229,7 @@ fn put(all: &mut [BTreeMap<Camera, View>], camera: Camera, views: Vec<(usize, Vi
 
 /// The event windows that observe a pose, in order of time; empty with a problem noted where none can be found.
 fn event_windows(
-    recording: &Recording,
+    part: &Part<'_>,
     setup: &Setup,
     shots: &[Shot<'_>],
     outcome: &Outcome,
@@ -205,11 +242,11 @@ fn event_windows(
         .collect();
     let channel = setup.trigger_channel;
     if exposures.is_empty() {
-        return windows_of_edges(recording, setup, outcome, seen);
+        return windows_of_edges(part, setup, outcome, seen);
     }
     let settings = SyncSettings { channel, exposure_s: setup.exposure_s, frame_period_s: setup.image_period_s };
     let mut sink = Triggers::default();
-    if let Err(why) = decode(recording, &mut sink, &mut |_| ()) {
+    if let Err(why) = decode(part, &mut sink, &mut |_| ()) {
         seen.problems.push(format!("event camera: {why}"));
         return Vec::new();
     }
@@ -220,13 +257,17 @@ fn event_windows(
             return Vec::new();
         }
     };
-    seen.timing = Some(SeenTiming {
+    // Of a resumed session the first part is shown.
+    let timing = seen.timing.get_or_insert_with(|| SeenTiming {
         offset_s: sync.clock.offset_s,
         drift_ppm: sync.clock.ppm,
         residual_rms_s: sync.residual_rms_s,
-        windows: [sync.matched, exposures.len()],
-        notes: sync.notes.clone(),
+        windows: [0, 0],
+        notes: Vec::new(),
     });
+    timing.windows[0] += sync.matched;
+    timing.windows[1] += exposures.len();
+    timing.notes.extend(sync.notes.iter().cloned());
     let observed = shots.iter().zip(&sync.windows).filter_map(|(shot, window)| Some((shot.pose?, (*window)?)));
     let mut windows: Vec<_> = observed.collect();
     windows.sort_by_key(|(_, w)| w.start_us);
@@ -235,15 +276,15 @@ fn event_windows(
 
 /// A session without a frame camera has no exposures: each rising edge of a capture begins a window that the
 /// next one ends.
-fn windows_of_edges(recording: &Recording, setup: &Setup, outcome: &Outcome, seen: &mut Seen) -> Vec<(usize, Window)> {
+fn windows_of_edges(part: &Part<'_>, setup: &Setup, outcome: &Outcome, seen: &mut Seen) -> Vec<(usize, Window)> {
     let (mut sink, mut per_capture) = (Triggers::default(), Vec::new());
-    let decoded = decode(recording, &mut sink, &mut |sink| per_capture.push(std::mem::take(&mut sink.0)));
+    let decoded = decode(part, &mut sink, &mut |sink| per_capture.push(std::mem::take(&mut sink.0)));
     if let Err(why) = decoded {
         seen.problems.push(format!("event camera: {why}"));
     }
     let mut windows = Vec::new();
     for (pose, record) in outcome.poses.iter().enumerate() {
-        let Some(edges) = record.capture.and_then(|c| per_capture.get(c)) else { continue };
+        let Some(edges) = record.capture.and_then(|c| per_capture.get(c.checked_sub(part.captures_before)?)) else { continue };
         let rising: Vec<i64> =
             edges.iter().filter(|t| t.rising && t.channel == setup.trigger_channel).map(|t| t.t_us).collect();
         let window = |w: &[i64]| (pose, Window { start_us: w[0], end_us: w[1], assumed_end: false });
@@ -254,7 +295,7 @@ fn windows_of_edges(recording: &Recording, setup: &Setup, outcome: &Outcome, see
 }
 
 fn event_views(
-    recording: &Recording,
+    part: &Part<'_>,
     setup: &Setup,
     size: (u16, u16),
     windows: &[(usize, Window)],
@@ -277,7 +318,7 @@ fn event_views(
         look: &look,
     };
     // Whatever could be decoded is used; an unknown encoding was reported with the triggers.
-    let _ = decode(recording, &mut sink, &mut |_| ());
+    let _ = decode(part, &mut sink, &mut |_| ());
     sink.finish()
 }
 
@@ -342,18 +383,18 @@ impl crate::events::Sink for Triggers {
     }
 }
 
-/// Runs every event packet of the recording through a decoder.
+/// Runs every event packet of a part through a decoder.
 ///
 /// `after_capture` is called where a capture ends. Packets of one capture follow each other without a gap; between captures the camera was not recorded.
 fn decode<S: crate::events::Sink>(
-    recording: &Recording,
+    part: &Part<'_>,
     sink: &mut S,
     after_capture: &mut dyn FnMut(&mut S),
 ) -> Result<(), String> {
     let mut decoder: Option<Decoder> = None;
     // A live session joins the stream at its first capture; an import begins with the stream itself.
-    let mut gap = recording.about.kind == Kind::Live;
-    for entry in &recording.entries {
+    let mut gap = part.joins;
+    for entry in part.entries {
         match entry {
             Entry::Events(EventPacket { encoding, time_base_ns, events, .. }) => {
                 let decoder = match &mut decoder {

@@ -77,6 +77,10 @@ impl World for Replay {
         Ok(self.inputs.next())
     }
 
+    fn goes_on(&self) -> bool {
+        matches!(self.inputs.as_slice().first(), Some((_, Input::Resumed)))
+    }
+
     fn finish(&mut self) -> Result<(), Diverged> {
         let recorded = self.commands.len();
         let all = self.step >= recorded;
@@ -85,10 +89,9 @@ impl World for Replay {
 }
 
 /// Whether both ask for the same; targets to 1e-9, which is what another CPU makes of the same plan.
-fn is_same(recorded: &Command, now: &Command) -> bool {
+pub(super) fn is_same(recorded: &Command, now: &Command) -> bool {
     let near = |a: &[f64; 6], b: &[f64; 6]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-9);
-    match (recorded, now) {
-        (Command::Move { pose: a, target: to_a }, Command::Move { pose: b, target: to_b }) => {
+    let same_target = |to_a: &MoveTarget, to_b: &MoveTarget| {
             let numbers = |target: &MoveTarget| match *target {
                 MoveTarget::Joint { joints_rad, speed_rad_s, acceleration_rad_s2 } => {
                     (true, joints_rad, [speed_rad_s, acceleration_rad_s2, 0.0, 0.0, 0.0, 0.0])
@@ -98,20 +101,29 @@ fn is_same(recorded: &Command, now: &Command) -> bool {
                 }
             };
             let ((joint_a, q_a, v_a), (joint_b, q_b, v_b)) = (numbers(to_a), numbers(to_b));
-            a == b && joint_a == joint_b && near(&q_a, &q_b) && near(&v_a, &v_b)
+            joint_a == joint_b && near(&q_a, &q_b) && near(&v_a, &v_b)
+    };
+    match (recorded, now) {
+        (Command::Move { pose: a, target: to_a }, Command::Move { pose: b, target: to_b }) => {
+            a == b && same_target(to_a, to_b)
         }
+        (Command::Travel { target: to_a, .. }, Command::Travel { target: to_b, .. }) => same_target(to_a, to_b),
         // The reason is text for people.
-        (Command::Stop { .. }, Command::Stop { .. }) => true,
+        (Command::Stop { .. }, Command::Stop { .. }) | (Command::Confirm { .. }, Command::Confirm { .. }) => true,
         (recorded, now) => recorded == now,
     }
 }
 
-fn described(command: &Command) -> String {
+pub(super) fn described(command: &Command) -> String {
     match command {
         Command::Move { pose, target } => format!("move to pose {} ({target:?})", pose + 1),
         Command::Capture { pose, attempt } => format!("capture at pose {}, try {}", pose + 1, attempt + 1),
         Command::Wait { pose, attempt } => format!("wait at pose {} for try {}", pose + 1, attempt + 1),
         Command::Stop { why } => format!("stop: {why}"),
-        Command::Finish => "finish".into(),
+        Command::Confirm { question } => format!("ask: {question}"),
+        Command::Start => "start the program".into(),
+        Command::Travel { why, target } => format!("travel {why} ({target:?})"),
+        Command::Finish { load: None } => "finish".into(),
+        Command::Finish { load: Some(program) } => format!("finish and load {program}"),
     }
 }

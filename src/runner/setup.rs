@@ -9,14 +9,14 @@ use crate::board::Board;
 use crate::calibration::problem::{CameraSetup, CheckTruth, DistancePair, KnownCamera, KnownCameras};
 use crate::calibration::result::{CalibrationResult, SCHEMA_VERSION};
 use crate::calibration::settings::{Carried, Gates, PoseKind, Settings};
-use crate::config::{self, Cell, ConfigError, Stillness};
+use crate::config::{self, Cell, ConfigError, MotionBy, Stillness};
 use crate::geometry::{
-    Camera, Pinhole,
+    Camera, Flange, Pinhole, Tcp, Transform,
     kinematics::{Arm, ModelError},
 };
 use crate::plan::{self, Plan, PlanError};
 use crate::recording::{Attachment, ImportSetup, Kind, Recording, RecordingError};
-use crate::session::{Expected, Stop};
+use crate::session::{Expected, Options, Route, Stop, Ways};
 
 /// Everything that a session is run and solved with.
 #[derive(Debug, Clone)]
@@ -51,6 +51,8 @@ pub struct Setup {
     pub trigger_channel: u8,
     /// The state machine to run.
     pub machine: MachineSpec,
+    /// The model of the arm that it was planned with, and the TCP in its flange; absent in an import.
+    pub model: Option<(Arm, Transform<Flange, Tcp>)>,
     /// Where an import comes from.
     pub source: Option<String>,
     /// SHA-256 of the texts, by name.
@@ -63,11 +65,15 @@ pub enum MachineSpec {
     /// Walks a trajectory.
     Live {
         /// Where to.
-        stops: Vec<Stop>,
+        route: Box<Route>,
         /// What still means.
         limits: Stillness,
         /// What pre-flight expects.
         expected: Box<Expected>,
+        /// How it is run, besides what the cell says.
+        options: Options,
+        /// Program that is loaded when all is done.
+        load: Option<String>,
     },
     /// Collects what a source declares.
     Imported {
@@ -181,7 +187,13 @@ impl CellTexts {
 
     /// Checks everything and plans the session.
     pub fn plan(&self) -> Result<Planned, SetupError> {
-        let cell = config::parse_cell(&self.cell.1, &self.cell.0)?;
+        self.plan_with(&RunOptions::default())
+    }
+
+    /// Checks everything and plans the session as it is to be run.
+    pub fn plan_with(&self, run: &RunOptions) -> Result<Planned, SetupError> {
+        let mut cell = config::parse_cell(&self.cell.1, &self.cell.0)?;
+        run.slow_down(&mut cell);
         let mut parsed = Vec::new();
         for (used, (name, text)) in cell.trajectories.iter().zip(&self.trajectories) {
             let shown = self.folder.join(name).display().to_string();
@@ -192,7 +204,7 @@ impl CellTexts {
             Some((name, text)) => Arm::from_urdf(text).map_err(|why| SetupError::Model { name: name.clone(), why })?,
         };
         let plan = plan::expand_with(&cell, &arm, &parsed)?;
-        let mut setup = Setup::of_cell(&cell, &plan);
+        let mut setup = Setup::of_cell(&cell, &arm, &plan, run);
         setup.sha256.insert("cell".into(), sha256(self.cell.1.as_bytes()));
         for (i, (name, text)) in self.trajectories.iter().enumerate() {
             setup.sha256.insert(trajectory_name(i, name), sha256(text.as_bytes()));
@@ -215,7 +227,7 @@ impl Setup {
                     let what = "its cell.yaml is not the one that it was recorded with (SHA-256 differs)".into();
                     return Err(RecordingError::Broken { path: recording.path.clone(), what }.into());
                 }
-                Ok(texts.plan()?.setup)
+                Ok(texts.plan_with(&RunOptions::of_facts(&recording.about.facts))?.setup)
             }
             Kind::Imported => Ok(Self::of_import(recording.import_setup()?)),
         }
@@ -239,12 +251,13 @@ impl Setup {
             exposure_s: import.exposure_s.unwrap_or(0.1),
             image_period_s: import.image_period_s.unwrap_or(0.1),
             trigger_channel: import.trigger_channel.unwrap_or(0),
+            model: None,
             source: Some(import.source),
             sha256: BTreeMap::new(),
         }
     }
 
-    fn of_cell(cell: &Cell, plan: &Plan) -> Self {
+    fn of_cell(cell: &Cell, arm: &Arm, plan: &Plan, run: &RunOptions) -> Self {
         let (exposure_s, images_per_s) = cell.rgb.as_ref().map_or((0.0999, 10.0), |c| (c.exposure_s, c.images_per_s));
         Self {
             name: cell.name.clone(),
@@ -261,7 +274,8 @@ impl Setup {
             exposure_s,
             image_period_s: 1.0 / images_per_s,
             trigger_channel: cell.event.as_ref().map_or(0, |e| e.trigger_channel),
-            machine: machine(cell, plan),
+            machine: machine(cell, arm, plan, run),
+            model: Some((arm.clone(), cell.robot.tcp_offset)),
             source: None,
             sha256: BTreeMap::new(),
         }
@@ -379,10 +393,73 @@ fn pairs(plan: &Plan) -> Vec<DistancePair> {
     pairs
 }
 
-fn machine(cell: &Cell, plan: &Plan) -> MachineSpec {
+/// How a session is run, besides what the cell says; a recording carries it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunOptions {
+    /// Share of the speed and acceleration caps, above 0, to 1.
+    pub speed: f64,
+    /// Whether the operator confirms every move.
+    pub confirm_each: bool,
+    /// Whether the poses are walked without cameras.
+    pub rehearsal: bool,
+}
+
+impl Default for RunOptions {
+    fn default() -> Self {
+        Self { speed: 1.0, confirm_each: false, rehearsal: false }
+    }
+}
+
+impl RunOptions {
+    /// As facts of a recording.
+    pub fn to_facts(&self) -> impl Iterator<Item = (String, String)> {
+        let flag = |name: &str, set: bool| set.then(|| (name.to_owned(), "true".to_owned()));
+        let slow = (self.speed < 1.0).then(|| ("speed".to_owned(), self.speed.to_string()));
+        let flags = [flag("confirm_each", self.confirm_each), flag("rehearsal", self.rehearsal)];
+        flags.into_iter().flatten().chain(slow)
+    }
+
+    /// Reads them back.
+    pub fn of_facts(facts: &BTreeMap<String, String>) -> Self {
+        let flag = |name: &str| facts.get(name).is_some_and(|v| v == "true");
+        let speed = facts.get("speed").and_then(|v| v.parse().ok()).filter(|s: &f64| *s > 0.0 && *s <= 1.0);
+        Self {
+            speed: speed.unwrap_or(1.0),
+            confirm_each: flag("confirm_each"),
+            rehearsal: flag("rehearsal"),
+        }
+    }
+
+    fn slow_down(&self, cell: &mut Cell) {
+        let limits = &mut cell.robot.limits;
+        for cap in [
+            &mut limits.joint_speed_rad_s,
+            &mut limits.joint_acceleration_rad_s2,
+            &mut limits.tcp_speed_m_s,
+            &mut limits.tcp_acceleration_m_s2,
+        ] {
+            *cap *= self.speed;
+        }
+    }
+}
+
+fn machine(cell: &Cell, arm: &Arm, plan: &Plan, run: &RunOptions) -> MachineSpec {
     let robot = &cell.robot;
-    let stop = |pose: &plan::PlannedPose| Stop { target: pose.target, deadline_s: 1.5 * pose.move_s + 5.0 };
-    let stops = plan.poses.iter().map(stop).collect();
+    let external = match &robot.motion {
+        MotionBy::Script => None,
+        MotionBy::External(external) => Some(external),
+    };
+    let stop = |pose: &plan::PlannedPose| Stop { target: pose.target, joints_rad: pose.joints_rad, move_s: pose.move_s };
+    let home = plan.home.as_ref().filter(|_| external.is_none());
+    let (ways_cell, ways_arm) = (cell.clone(), arm.clone());
+    let route = Route {
+        stops: plan.poses.iter().map(stop).collect(),
+        start_joints_rad: robot.home_joints_rad,
+        home: home.map(|h| Stop { target: h.target, joints_rad: robot.home_joints_rad, move_s: h.move_s }),
+        ways: Ways::new(move |from, to, speed| {
+            plan::joint_move(&ways_cell, &ways_arm, from, to, speed).map_err(|why| why.to_string())
+        }),
+    };
     let expected = Expected {
         tcp_offset: robot.tcp_offset.pose_vector(),
         payload_kg: robot.payload_kg,
@@ -390,6 +467,22 @@ fn machine(cell: &Cell, plan: &Plan) -> MachineSpec {
         allow_reduced: robot.allow_reduced,
         start_joints_rad: robot.home_joints_rad,
         start_within_rad: robot.start_within_rad,
+        // The dashboard calls a UR5e a UR5.
+        model: (robot.model == "ur5e").then(|| "UR5".to_owned()),
+        serial: robot.serial.clone(),
+        controller_version: robot.controller_version.clone(),
+        kinematics_checksum: robot.kinematics_checksum.clone(),
+        speed_slider: robot.speed_slider,
+        interlocks: robot.interlocks.clone(),
+        gripper_empty: robot.gripper_empty.clone(),
+        external: external.is_some(),
     };
-    MachineSpec::Live { stops, limits: robot.stillness.clone(), expected: Box::new(expected) }
+    let patience_s = external.map_or(Options::default().patience_s, |e| e.patience_s);
+    MachineSpec::Live {
+        route: Box::new(route),
+        limits: robot.stillness.clone(),
+        expected: Box::new(expected),
+        options: Options { confirm_each: run.confirm_each, patience_s },
+        load: robot.load_program.clone(),
+    }
 }

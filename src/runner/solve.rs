@@ -9,11 +9,12 @@ use super::replay::{Diverged, Replay};
 use super::setup::{MachineSpec, Setup, SetupError};
 use super::{World, run};
 use crate::calibration::gates::Status;
+use crate::calibration::kinematics::{KinematicsResult, PoseKinematics, compare};
 use crate::calibration::problem::{PoseData, Problem};
 use crate::calibration::result::{CalibrationResult, NotWritable};
 use crate::calibration::solve::{self, Origin};
 use crate::recording::{Recording, RecordingError};
-use crate::session::{End, Outcome, Salvage};
+use crate::session::{End, Outcome, PoseRecord, Salvage};
 
 /// Why a recording gives no result.
 #[derive(Debug, thiserror::Error)]
@@ -116,8 +117,8 @@ fn replay(recording: &Recording, setup: &Setup) -> Result<Outcome, Diverged> {
     let mut world = Replay::new(recording);
     let outcome = setup.machine.clone().run(&mut world);
     match &setup.machine {
-        MachineSpec::Live { stops, limits, .. } if outcome.is_err() && !recording.damage.is_empty() => {
-            run(Salvage::new(stops.len(), limits), &mut Replay::unchecked(recording))
+        MachineSpec::Live { route, limits, .. } if outcome.is_err() && !recording.damage.is_empty() => {
+            run(Salvage::new(route.stops.len(), limits), &mut Replay::unchecked(recording))
         }
         MachineSpec::Live { .. } | MachineSpec::Imported { .. } => outcome,
     }
@@ -127,7 +128,9 @@ impl MachineSpec {
     /// Runs the machine that this describes in `world`.
     pub fn run<W: World>(self, world: &mut W) -> Result<Outcome, W::Error> {
         match self {
-            Self::Live { stops, limits, expected } => run(crate::session::Live::new(stops, limits, *expected), world),
+            Self::Live { route, limits, expected, options, load } => {
+                run(crate::session::Live::new(*route, limits, *expected, options, load), world)
+            }
             Self::Imported { poses } => run(crate::session::Imported::new(poses), world),
         }
     }
@@ -171,8 +174,21 @@ fn problem(setup: Setup, outcome: &Outcome, seen: &Seen) -> Problem {
         }
     };
     let poses = setup.poses.iter().enumerate().map(pose).collect();
+    let kinematics = kinematics(&setup, outcome);
     let Setup { name, board, carried, robot_poses, cameras, pairs, checks, settings, gates, known, .. } = setup;
-    Problem { cell: name, board, carried, robot_poses, cameras, poses, pairs, checks, settings, gates, known }
+    Problem { cell: name, board, carried, robot_poses, cameras, poses, pairs, checks, settings, gates, known, kinematics }
+}
+
+/// The models of the arm beside what its controller said at every captured pose.
+fn kinematics(setup: &Setup, outcome: &Outcome) -> Option<KinematicsResult> {
+    let (urdf, flange_from_tcp) = setup.model.as_ref()?;
+    let at = |(pose, record): (usize, &PoseRecord)| {
+        let (joints_rad, base_from_tcp) = (record.joints_rad?, record.base_from_tcp?);
+        Some(PoseKinematics { pose, joints_rad, base_from_tcp })
+    };
+    let poses: Vec<_> = outcome.poses.iter().enumerate().filter_map(at).collect();
+    let controller = outcome.facts.as_ref().and_then(|f| f.kinematics.as_ref()).map(|k| &k.dh);
+    (!poses.is_empty()).then(|| compare(&poses, *flange_from_tcp, controller, urdf))
 }
 
 fn unfinished(end: &End) -> Option<String> {

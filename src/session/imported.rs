@@ -38,6 +38,7 @@ impl Machine for Imported {
             *record = PoseRecord {
                 capture: Some(self.captures.len()),
                 base_from_tcp: declared.and_then(|d| d.base_from_tcp),
+                joints_rad: declared.and_then(|d| d.joints_rad),
                 evidence: declared.and_then(|d| d.still_s).map(evidence),
                 skipped: None,
             };
@@ -54,6 +55,6 @@ impl Machine for Imported {
     fn into_outcome(self) -> Outcome {
         let all = self.poses.iter().all(|p| p.capture.is_some());
         let end = if all { End::Complete } else { End::Cut };
-        Outcome { end, poses: self.poses, captures: self.captures }
+        Outcome { end, poses: self.poses, captures: self.captures, facts: None }
     }
 }

@@ -1,23 +1,30 @@
 //! The session: what to do next, given what has happened. Sans-IO state machines.
 //!
 //! No I/O, no clock, no threads: time arrives with each input. Uses `geometry` and `config`. Start at
-//! [`types`], the words that are logged; [`Live`] walks a trajectory, [`Imported`] only collects, [`Salvage`] reads what damage has left.
+//! [`types`], the words that are logged; [`Live`] walks a trajectory,
+//! [`Imported`] only collects, [`Salvage`] reads what damage has left.
 
 mod imported;
 mod live;
+mod modes;
 mod preflight;
+mod route;
 mod salvage;
 mod stillness;
 pub mod types;
 
 pub use imported::Imported;
-pub use live::{Live, Stop};
-pub use preflight::{Expected, Finding};
+pub use live::{Live, Options};
+pub use modes::{robot_mode_name, runtime_state_name, safety_mode_name};
+pub use preflight::{Expected, Finding, findings as preflight_findings};
+pub use route::{Route, Stop, Ways};
 pub use salvage::Salvage;
 pub use stillness::Evidence;
-pub use types::{Captured, Command, Declared, ExecutorState, Exposure, Input, MoveTarget, RobotSample, Stamp};
+pub use types::{
+    Captured, Command, Declared, ExecutorState, Exposure, Input, Kinematics, MoveTarget, RobotFacts, RobotSample, Stamp,
+};
 
-use crate::geometry::{Base, Tcp, Transform};
+use crate::geometry::{Base, Tcp, Transform, kinematics::Joints};
 
 /// What a state machine must do to be run.
 pub trait Machine {
@@ -40,6 +47,8 @@ pub struct Outcome {
     pub poses: Vec<PoseRecord>,
     /// Start of every exposure of every capture, also of those that were repeated, in order of time.
     pub captures: Vec<Captured>,
+    /// The controller as it described itself; absent without a robot.
+    pub facts: Option<RobotFacts>,
 }
 
 /// How a session ended.
@@ -66,6 +75,8 @@ pub struct PoseRecord {
     pub capture: Option<usize>,
     /// Mean pose of the TCP through the exposures; absent where no robot pose is known.
     pub base_from_tcp: Option<Transform<Base, Tcp>>,
+    /// Mean joint positions through the exposures, rad; absent where they are not known.
+    pub joints_rad: Option<Joints>,
     /// How still the arm was through the exposures.
     pub evidence: Option<Evidence>,
     /// Why there is no capture, in words.
@@ -74,6 +85,7 @@ pub struct PoseRecord {
 
 impl PoseRecord {
     fn not_reached() -> Self {
-        Self { capture: None, base_from_tcp: None, evidence: None, skipped: Some("not reached".into()) }
+        let (base_from_tcp, joints_rad, evidence) = (None, None, None);
+        Self { capture: None, base_from_tcp, joints_rad, evidence, skipped: Some("not reached".into()) }
     }
 }

@@ -4,7 +4,7 @@
 //! where the samples around it are there and were still.
 
 use super::stillness::History;
-use super::types::{Captured, Command, Input, Stamp};
+use super::types::{Captured, Command, Input, RobotFacts, Stamp};
 use super::{End, Machine, Outcome, PoseRecord};
 use crate::config::Stillness as Limits;
 
@@ -18,13 +18,14 @@ pub struct Salvage {
     history: History,
     poses: Vec<PoseRecord>,
     captures: Vec<Captured>,
+    facts: Option<RobotFacts>,
 }
 
 impl Salvage {
     /// A session of `poses` poses.
     pub fn new(poses: usize, limits: &Limits) -> Self {
         let poses = vec![PoseRecord::not_reached(); poses];
-        Self { limits: limits.through_capture(), history: History::default(), poses, captures: Vec::new() }
+        Self { limits: limits.through_capture(), history: History::default(), poses, captures: Vec::new(), facts: None }
     }
 
     fn captured(&mut self, at: Stamp, captured: &Captured) {
@@ -41,6 +42,7 @@ impl Salvage {
         *record = PoseRecord {
             capture: Some(index),
             base_from_tcp: self.history.mean_pose(start_s, end_s),
+            joints_rad: self.history.mean_joints(start_s, end_s),
             evidence: Some(self.history.evidence(start_s, end_s)),
             skipped: None,
         };
@@ -56,7 +58,13 @@ impl Machine for Salvage {
         match input {
             Input::Robot(sample) => self.history.push(at, sample, KEEP_S),
             Input::Captured(captured) => self.captured(at, captured),
-            Input::RobotLost { .. } | Input::CaptureFailed { .. } | Input::Interrupted => {}
+            Input::Connected(facts) => self.facts = Some((**facts).clone()),
+            Input::RobotLost { .. }
+            | Input::CaptureFailed { .. }
+            | Input::Interrupted
+            | Input::Confirmed
+            | Input::Declined
+            | Input::Resumed => {}
         }
         None
     }
@@ -66,6 +74,6 @@ impl Machine for Salvage {
     }
 
     fn into_outcome(self) -> Outcome {
-        Outcome { end: End::Cut, poses: self.poses, captures: self.captures }
+        Outcome { end: End::Cut, poses: self.poses, captures: self.captures, facts: self.facts }
     }
 }

@@ -95,6 +95,16 @@ impl History {
         Some(first * Transform::from_pose_vector(sum.map(|s| s / poses.len() as f64)))
     }
 
+    /// Mean joint positions from `from_s` to `to_s`, rad; absent without samples.
+    pub(super) fn mean_joints(&self, from_s: f64, to_s: f64) -> Option<Joints> {
+        let count = self.count(from_s, to_s);
+        let mut sum = [0.0; 6];
+        for (_, sample) in self.between(from_s, to_s) {
+            sum.iter_mut().zip(sample.joints_rad).for_each(|(s, q)| *s += q);
+        }
+        (count > 0).then(|| sum.map(|s| s / count as f64))
+    }
+
     /// What the samples from `from_s` to `to_s` show.
     pub(super) fn evidence(&self, from_s: f64, to_s: f64) -> Evidence {
         let inside: Vec<_> = self.between(from_s, to_s).map(|(_, s)| s).collect();
@@ -169,7 +179,10 @@ pub(super) mod tests {
             robot_status_bits: 3,
             runtime_state: 2,
             speed_scaling: 1.0,
+            target_speed_fraction: 1.0,
             digital_inputs: 0,
+            digital_outputs: 0,
+            joint_temperatures_c: [30.0; 6],
             executor_sequence: 0,
             executor_state: ExecutorState::Steady,
         }

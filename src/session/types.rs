@@ -2,7 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Base, Tcp, Transform, kinematics::Joints};
+use crate::geometry::{
+    Base, Tcp, Transform,
+    kinematics::{Dh, Joints},
+};
 pub use crate::plan::MoveTarget;
 
 /// Time since the session began, nanoseconds of the session's clock.
@@ -56,8 +59,14 @@ pub struct RobotSample {
     pub runtime_state: u32,
     /// Product of slider and limits, 0 to 1.
     pub speed_scaling: f64,
-    /// Digital inputs, bit by bit.
+    /// The speed slider of the pendant, 0 to 1.
+    pub target_speed_fraction: f64,
+    /// Digital inputs, bit by bit: 0 to 7 standard, 8 to 15 configurable, 16 and 17 of the tool.
     pub digital_inputs: u64,
+    /// Digital outputs, in the same order.
+    pub digital_outputs: u64,
+    /// Temperatures of the joints, degrees Celsius.
+    pub joint_temperatures_c: [f64; 6],
     /// Last sequence number that our script acknowledged.
     pub executor_sequence: i32,
     /// What our script says it is doing.
@@ -87,10 +96,46 @@ pub enum ExecutorState {
     Refused,
 }
 
+/// The controller and the arm as they described themselves when the driver connected.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct RobotFacts {
+    /// Software version of the controller by RTDE: major, minor, bug fix, build.
+    pub controller_version: [u32; 4],
+    /// Model, `UR5` for a UR5e too; absent where the controller does not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<String>,
+    /// Serial number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub serial: Option<String>,
+    /// Whether scripts over the network are accepted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub remote_control: Option<bool>,
+    /// The kinematics that the controller itself uses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kinematics: Option<Kinematics>,
+    /// Program that will move the arm.
+    pub motion: String,
+    /// SHA-256 of its text; empty where it is not ours.
+    pub script_sha256: String,
+}
+
+/// The kinematics of an individual arm, out of its controller.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Kinematics {
+    /// Calibrated Denavit-Hartenberg parameters.
+    pub dh: Dh,
+    /// Checksum by the controller, 48 lower-case hexadecimal digits.
+    pub checksum: String,
+    /// Whether the controller says that they are calibrated, not nominal.
+    pub calibrated: bool,
+}
+
 /// Something that happened, stamped since the session began. Exactly what is logged.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "input", rename_all = "snake_case")]
 pub enum Input {
+    /// The driver is connected; nothing has been started.
+    Connected(Box<RobotFacts>),
     /// The robot reported its state.
     Robot(Box<RobotSample>),
     /// The robot has been silent or broke the protocol.
@@ -109,6 +154,12 @@ pub enum Input {
     },
     /// The operator asked to stop.
     Interrupted,
+    /// The operator said yes to a question.
+    Confirmed,
+    /// The operator said no, or nobody can be asked.
+    Declined,
+    /// The session goes on after it had ended; everything before has been checked anew.
+    Resumed,
 }
 
 /// What the cameras delivered for one capture; images and events lie beside it in the log.
@@ -156,6 +207,20 @@ pub struct Exposure {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "command", rename_all = "snake_case")]
 pub enum Command {
+    /// Ask the operator a question; nothing moves until it is answered.
+    Confirm {
+        /// The question, in words.
+        question: String,
+    },
+    /// Start the program that moves the arm; it holds the arm where it is.
+    Start,
+    /// Move without a capture at the end.
+    Travel {
+        /// What for, in words.
+        why: String,
+        /// Where to.
+        target: MoveTarget,
+    },
     /// Move to a pose of the trajectory.
     Move {
         /// Index of the pose.
@@ -183,5 +248,9 @@ pub enum Command {
         why: String,
     },
     /// No poses left: stop our program on the controller.
-    Finish,
+    Finish {
+        /// Program that is loaded then, never started.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        load: Option<String>,
+    },
 }

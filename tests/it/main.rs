@@ -3,6 +3,8 @@
 
 mod architecture;
 mod bad_input;
+mod bench;
+mod faults;
 mod real_data;
 mod simulated_cell;
 mod simulator;

@@ -66,6 +66,11 @@ impl Framer {
         if usize::from(size) < HEADER_BYTES {
             return Err(self.fail(CodecError::Size { size }));
         }
+        // Every kind is a letter; garbage must not hold up the stream until its size has come.
+        if let Some(kind) = self.waiting.get(2).filter(|kind| !kind.is_ascii_alphabetic()) {
+            let kind = *kind;
+            return Err(self.fail(CodecError::Kind { kind }));
+        }
         if self.waiting.len() < usize::from(size) {
             return Ok(None);
         }

@@ -9,12 +9,15 @@ use serde::de::DeserializeOwned;
 
 use super::rig::{Placement, Rig, SimEventCamera, SimFrameCamera};
 use super::scene::{DisplaySpec, EventSpec, FrameSpec, Optics, Scene, SceneError, SceneSpec};
-use super::ur::{Flaws, SimClock, SimController, SimUrConfig, Truth};
+use super::ur::{Flaws, Planned as PlannedFault, SimClock, SimController, SimUrConfig, Truth};
 use crate::config::{Cell, Mount, Section};
 use crate::cv::{CvError, charuco};
-use crate::devices::ur::{MotionCaps, UrConfig, UrRobot};
+use crate::devices::ur::{UrConfig, UrRobot};
 use crate::devices::{Clock, EventCamera, FrameCamera, Robot, RobotError};
-use crate::geometry::{Base, Camera, Event, Pinhole, Rgb, Sensor, Tcp, Transform, rotation};
+use crate::geometry::{
+    Base, Camera, Event, Pinhole, Rgb, Sensor, Tcp, Transform, kinematics::Joints, rotation,
+};
+use crate::session::Stamp;
 
 /// Pixels a square of the simulated display.
 const PX_PER_SQUARE: u32 = 48;
@@ -64,6 +67,17 @@ pub struct SimTruth {
     pub mount_of_camera: Transform<Base, Sensor>,
 }
 
+/// When and where a simulated cell begins, and what goes wrong in it.
+#[derive(Debug, Clone, Default)]
+pub struct SimStart {
+    /// The session's time at its start.
+    pub first: Stamp,
+    /// Where the arm stands; absent: at home.
+    pub joints_rad: Option<Joints>,
+    /// Faults of the controller.
+    pub faults: Vec<PlannedFault>,
+}
+
 /// A running simulated cell.
 pub struct SimCell {
     /// The controller; stops when dropped.
@@ -73,7 +87,7 @@ pub struct SimCell {
     /// What is true; for tests only.
     pub truth: SimTruth,
     rig: Arc<Rig>,
-    caps: MotionCaps,
+    robot_config: UrConfig,
     has: [bool; 2],
     images_per_pose: u32,
 }
@@ -81,11 +95,20 @@ pub struct SimCell {
 impl SimCell {
     /// Draws and starts the cell; `time_scale` simulated seconds a real second, infinity: as fast as it goes.
     pub fn start(cell: &Cell, seed: Option<u64>, time_scale: f64) -> Result<Self, SimError> {
+        Self::start_at(cell, seed, time_scale, SimStart::default())
+    }
+
+    /// As [`SimCell::start`], at another time and place, and with faults to come.
+    pub fn start_at(cell: &Cell, seed: Option<u64>, time_scale: f64, start: SimStart) -> Result<Self, SimError> {
         let sim = cell.sim.clone();
         let seed = seed.or(sim.as_ref().map(|s| s.seed)).unwrap_or(1);
         let section = |pick: fn(&crate::config::SimCell) -> Option<Section>| sim.as_ref().and_then(pick);
         let flaws: Flaws = parsed("robot", section(|s| s.robot.clone()))?;
-        let controller = SimController::start(controller(cell, flaws, time_scale), seed)
+        let SimStart { first, joints_rad, faults } = start;
+        let mut config = controller_config(cell, flaws, time_scale);
+        (config.start_ns, config.faults) = (first.0, faults);
+        config.start_joints_rad = joints_rad.unwrap_or(config.start_joints_rad);
+        let controller = SimController::start(config, seed)
             .map_err(|why| SimError::Controller(why.to_string()))?;
         let (clock, arm) = (controller.clock(), controller.truth());
         let mut draw = Draw(Pcg64::seed_from_u64(seed ^ 0x5e11_0ca1));
@@ -108,10 +131,13 @@ impl SimCell {
             placement,
             mount_of_camera,
         };
-        let rig = Arc::new(rig(cell, scene, placement, arm, clock.clone(), &mut draw));
-        let caps = caps(cell);
+        let mut rig = rig(cell, scene, placement, arm, clock.clone(), &mut draw);
+        // A camera that was opened anew counts its time anew.
+        rig.event_offset_s -= 1e-9 * first.0 as f64;
+        let rig = Arc::new(rig);
+        let robot_config = UrConfig::of_cell(cell, "127.0.0.1");
         let has = [cell.rgb.is_some(), cell.event.is_some()];
-        Ok(Self { controller, clock, truth, rig, caps, has, images_per_pose: cell.images_per_pose })
+        Ok(Self { controller, clock, truth, rig, robot_config, has, images_per_pose: cell.images_per_pose })
     }
 
     /// Connects the real driver to the simulated controller.
@@ -122,8 +148,7 @@ impl SimCell {
             script_port: ports.secondary,
             dashboard_port: Some(ports.dashboard),
             primary_port: ports.primary,
-            caps: self.caps,
-            ..UrConfig::at("127.0.0.1")
+            ..self.robot_config.clone()
         };
         let clock: Arc<dyn Clock> = Arc::new(self.clock.clone());
         Ok(Box::new(UrRobot::connect(&config, clock)?))
@@ -155,7 +180,8 @@ fn both<A, B>(a: Option<A>, b: B) -> Option<(A, B)> {
     a.map(|a| (a, b))
 }
 
-fn controller(cell: &Cell, flaws: Flaws, time_scale: f64) -> SimUrConfig {
+/// The simulated controller of a cell: home, TCP, payload and serial as the cell says.
+pub fn controller_config(cell: &Cell, flaws: Flaws, time_scale: f64) -> SimUrConfig {
     let robot = &cell.robot;
     SimUrConfig {
         time_scale,
@@ -168,17 +194,6 @@ fn controller(cell: &Cell, flaws: Flaws, time_scale: f64) -> SimUrConfig {
         payload_cog_m: robot.payload_cog_m,
         serial: robot.serial.clone().unwrap_or_else(|| SimUrConfig::default().serial),
         ..SimUrConfig::default()
-    }
-}
-
-/// Nothing faster than the cell says leaves the driver.
-fn caps(cell: &Cell) -> MotionCaps {
-    let limits = &cell.robot.limits;
-    MotionCaps {
-        joint_speed_rad_s: limits.joint_speed_rad_s,
-        joint_acceleration_rad_s2: limits.joint_acceleration_rad_s2,
-        tcp_speed_m_s: limits.tcp_speed_m_s,
-        tcp_acceleration_m_s2: limits.tcp_acceleration_m_s2,
     }
 }
 

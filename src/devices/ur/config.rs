@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use crate::config::{Cell, Line, MotionBy};
 use crate::devices::RobotError;
 use crate::session::MoveTarget;
 
@@ -79,6 +80,10 @@ pub struct UrConfig {
     pub program_within: Duration,
     /// Largest speeds that are passed on.
     pub caps: MotionCaps,
+    /// Digital output that is on from the first move to the end.
+    pub calibrating: Option<Line>,
+    /// Who moves the arm.
+    pub motion: MotionBy,
 }
 
 impl UrConfig {
@@ -96,6 +101,31 @@ impl UrConfig {
             answer_within: Duration::from_secs(3),
             program_within: Duration::from_secs(5),
             caps: MotionCaps::default(),
+            calibrating: None,
+            motion: MotionBy::Script,
+        }
+    }
+
+    /// What a cell says about its controller, for this host.
+    pub fn of_cell(cell: &Cell, host: impl Into<String>) -> Self {
+        let robot = &cell.robot;
+        let limits = &robot.limits;
+        let patience = match &robot.motion {
+            MotionBy::Script => Duration::from_secs(5),
+            MotionBy::External(external) => Duration::from_secs_f64(external.patience_s.clamp(1.0, 3600.0)),
+        };
+        Self {
+            frequency_hz: robot.sample_hz,
+            caps: MotionCaps {
+                joint_speed_rad_s: limits.joint_speed_rad_s,
+                joint_acceleration_rad_s2: limits.joint_acceleration_rad_s2,
+                tcp_speed_m_s: limits.tcp_speed_m_s,
+                tcp_acceleration_m_s2: limits.tcp_acceleration_m_s2,
+            },
+            calibrating: robot.signals.calibrating.map(|output| Line::DigitalOutput(output.digital_output)),
+            motion: robot.motion.clone(),
+            program_within: patience,
+            ..Self::at(host)
         }
     }
 

@@ -9,12 +9,18 @@ use tokio::net::TcpStream;
 use tokio::time::timeout;
 
 use super::config::UrConfig;
-use super::fields::{INPUTS, OUTPUTS};
+use super::fields::OUTPUTS;
 use crate::devices::RobotError;
 use crate::devices::rtde::{
     Answer, CodecError, ControllerVersion, DataType, FieldAnswer, Framer, PROTOCOL_VERSION, Recipe, Request, TextLevel,
     TextMessage, Value,
 };
+
+/// Name and type of a field.
+pub(super) type Field = (String, DataType);
+
+/// Packages of unknown kinds that are passed over in one connection.
+const MAX_UNKNOWN: usize = 1000;
 
 /// Text messages kept for whoever asks.
 const MAX_TEXTS: usize = 50;
@@ -42,6 +48,7 @@ pub(super) struct Connection {
     framer: Framer,
     texts: VecDeque<TextMessage>,
     exceptions: usize,
+    unknown: usize,
     answer_within: Duration,
     version: ControllerVersion,
     outputs: Recipe,
@@ -49,8 +56,9 @@ pub(super) struct Connection {
 }
 
 impl Connection {
-    /// Connects and sets up both recipes; outputs are not started yet.
-    pub(super) async fn open(config: &UrConfig) -> Result<Self, RobotError> {
+    /// Connects and sets up the recipes: [`OUTPUTS`] and what is asked for beside them, and the inputs, if any.
+    /// Outputs are not started yet.
+    pub(super) async fn open(config: &UrConfig, extra: &[Field], inputs: &[Field]) -> Result<Self, RobotError> {
         let address = config.address(config.rtde_port);
         let stream = open(&address, config.answer_within).await?;
         let none = || Recipe { id: 0, types: Vec::new() };
@@ -60,16 +68,17 @@ impl Connection {
             framer: Framer::default(),
             texts: VecDeque::new(),
             exceptions: 0,
+            unknown: 0,
             answer_within: config.answer_within,
             version: ControllerVersion { major: 0, minor: 0, bugfix: 0, build: 0 },
             outputs: none(),
             inputs: none(),
         };
-        connection.shake_hands(config).await?;
+        connection.shake_hands(config, extra, inputs).await?;
         Ok(connection)
     }
 
-    async fn shake_hands(&mut self, config: &UrConfig) -> Result<(), RobotError> {
+    async fn shake_hands(&mut self, config: &UrConfig, extra: &[Field], inputs: &[Field]) -> Result<(), RobotError> {
         match self.ask(&Request::ProtocolVersion(PROTOCOL_VERSION)).await? {
             Answer::ProtocolVersion(true) => {}
             Answer::ProtocolVersion(false) => return Err(self.refused("protocol version 2", "it is too old")),
@@ -79,21 +88,25 @@ impl Connection {
             Answer::ControllerVersion(version) => self.version = version,
             other => return Err(self.unexpected(&other)),
         }
-        let names = OUTPUTS.map(|(name, _)| name.to_owned()).to_vec();
-        match self.ask(&Request::SetupOutputs { frequency_hz: config.frequency_hz, names }).await? {
-            Answer::SetupOutputs { recipe, fields } => self.outputs = self.recipe(recipe, &fields, &OUTPUTS)?,
+        let outputs: Vec<Field> = OUTPUTS.iter().map(|(name, t)| ((*name).to_owned(), *t)).collect();
+        let outputs = [outputs.as_slice(), extra].concat();
+        let names = |fields: &[Field]| fields.iter().map(|(name, _)| name.clone()).collect();
+        match self.ask(&Request::SetupOutputs { frequency_hz: config.frequency_hz, names: names(&outputs) }).await? {
+            Answer::SetupOutputs { recipe, fields } => self.outputs = self.recipe(recipe, &fields, &outputs)?,
             other => return Err(self.unexpected(&other)),
         }
-        let names = INPUTS.map(|(name, _)| name.to_owned()).to_vec();
-        match self.ask(&Request::SetupInputs { names }).await? {
-            Answer::SetupInputs { recipe, fields } => self.inputs = self.recipe(recipe, &fields, &INPUTS)?,
+        if inputs.is_empty() {
+            return Ok(());
+        }
+        match self.ask(&Request::SetupInputs { names: names(inputs) }).await? {
+            Answer::SetupInputs { recipe, fields } => self.inputs = self.recipe(recipe, &fields, inputs)?,
             other => return Err(self.unexpected(&other)),
         }
         Ok(())
     }
 
     /// The recipe, if every field has the type that is needed.
-    fn recipe(&self, id: u8, fields: &[FieldAnswer], wanted: &[(&str, DataType)]) -> Result<Recipe, RobotError> {
+    fn recipe(&self, id: u8, fields: &[FieldAnswer], wanted: &[Field]) -> Result<Recipe, RobotError> {
         if fields.len() != wanted.len() {
             return Err(self.protocol(format!("{} field types for {} fields", fields.len(), wanted.len())));
         }
@@ -156,7 +169,15 @@ impl Connection {
     /// The next thing said that is no text, out of what has been read already.
     fn next_waiting(&mut self) -> Result<Option<Answer>, RobotError> {
         while let Some(package) = self.framer.next_package().map_err(|e| self.codec(&e))? {
-            match Answer::from_package(package).map_err(|e| self.codec(&e))? {
+            let answer = match Answer::from_package(package) {
+                // A later controller may say more than we know; a stream that is not RTDE says it all the time.
+                Err(CodecError::Kind { .. }) if self.unknown < MAX_UNKNOWN => {
+                    self.unknown += 1;
+                    continue;
+                }
+                answer => answer.map_err(|e| self.codec(&e))?,
+            };
+            match answer {
                 Answer::Text(text) => {
                     self.exceptions += usize::from(text.level == TextLevel::Exception);
                     self.texts.push_back(text);

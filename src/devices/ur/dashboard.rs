@@ -1,4 +1,4 @@
-//! What the dashboard server says about the robot; all of it optional.
+//! The dashboard server of PolyScope 5: one line asked, one line answered.
 
 use std::time::Duration;
 
@@ -7,7 +7,8 @@ use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::time::timeout;
 
 use super::config::UrConfig;
-use super::connection::open;
+use super::connection::{broken, open};
+use crate::devices::RobotError;
 
 /// Longest answer that is read, bytes.
 const MAX_ANSWER_BYTES: u64 = 1024;
@@ -25,48 +26,61 @@ pub struct RobotInfo {
     pub remote_control: Option<bool>,
 }
 
-/// Asks the dashboard; a controller without one gives an empty description.
-pub(super) async fn read_info(config: &UrConfig) -> RobotInfo {
-    let Some(mut dashboard) = Dashboard::open(config).await else { return RobotInfo::default() };
-    let digits = |s: &String| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
-    let model = dashboard.ask("get robot model").await.filter(|m| m.starts_with("UR"));
-    let serial = dashboard.ask("get serial number").await.filter(digits);
-    let version = dashboard.ask("PolyscopeVersion").await;
-    let polyscope_version = version.and_then(|v| v.strip_prefix("URSoftware ").map(str::to_owned));
-    let remote_control = dashboard.ask("is in remote control").await.and_then(|answer| answer.parse().ok());
-    RobotInfo { model, serial, polyscope_version, remote_control }
-}
-
-/// Stops the program that is loaded, paused or running; says nothing where there is no dashboard.
-pub(super) async fn stop_program(config: &UrConfig) {
-    if let Some(mut dashboard) = Dashboard::open(config).await {
-        let _ = dashboard.ask("stop").await;
-    }
-}
-
-struct Dashboard {
+/// A connection to the dashboard.
+pub(super) struct Dashboard {
+    address: String,
     from: BufReader<OwnedReadHalf>,
     to: OwnedWriteHalf,
     within: Duration,
 }
 
 impl Dashboard {
-    async fn open(config: &UrConfig) -> Option<Self> {
-        let stream = open(&config.address(config.dashboard_port?), config.answer_within).await.ok()?;
-        let (from, to) = stream.into_split();
-        let mut dashboard = Self { from: BufReader::new(from), to, within: config.answer_within };
-        dashboard.line().await.map(|_greeting| dashboard)
+    pub(super) async fn open(config: &UrConfig) -> Result<Self, RobotError> {
+        let Some(port) = config.dashboard_port else {
+            let (address, why) = (config.host.clone(), "no port of a dashboard is given".into());
+            return Err(RobotError::Unreachable { address, why });
+        };
+        let address = config.address(port);
+        let (from, to) = open(&address, config.answer_within).await?.into_split();
+        let mut dashboard = Self { address, from: BufReader::new(from), to, within: config.answer_within };
+        dashboard.line().await?;
+        Ok(dashboard)
     }
 
-    async fn ask(&mut self, question: &str) -> Option<String> {
-        self.to.write_all(format!("{question}\n").as_bytes()).await.ok()?;
+    /// What it says about the robot.
+    pub(super) async fn info(&mut self) -> RobotInfo {
+        let digits = |s: &String| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
+        // One that does not answer is not asked again.
+        let Ok(model) = self.ask("get robot model").await else { return RobotInfo::default() };
+        let model = Some(model).filter(|m| m.starts_with("UR"));
+        let serial = self.ask("get serial number").await.ok().filter(digits);
+        let version = self.ask("PolyscopeVersion").await.ok();
+        let polyscope_version = version.and_then(|v| v.strip_prefix("URSoftware ").map(str::to_owned));
+        let remote_control = self.ask("is in remote control").await.ok().and_then(|answer| answer.parse().ok());
+        RobotInfo { model, serial, polyscope_version, remote_control }
+    }
+
+    /// Asks one line.
+    pub(super) async fn ask(&mut self, question: &str) -> Result<String, RobotError> {
+        let line = format!("{question}\n");
+        self.to.write_all(line.as_bytes()).await.map_err(|e| broken(&self.address, &e))?;
         self.line().await
     }
 
-    async fn line(&mut self) -> Option<String> {
+    async fn line(&mut self) -> Result<String, RobotError> {
         let mut line = Vec::new();
         let mut limited = (&mut self.from).take(MAX_ANSWER_BYTES);
-        timeout(self.within, limited.read_until(b'\n', &mut line)).await.ok()?.ok()?;
-        line.ends_with(b"\n").then(|| String::from_utf8_lossy(&line).trim().to_owned())
+        match timeout(self.within, limited.read_until(b'\n', &mut line)).await {
+            Ok(Ok(_)) if line.ends_with(b"\n") => Ok(String::from_utf8_lossy(&line).trim().to_owned()),
+            Ok(Err(error)) => Err(broken(&self.address, &error)),
+            Ok(Ok(_)) => {
+                let what = "the dashboard closed the connection, or answered more than a line".into();
+                Err(RobotError::Protocol { address: self.address.clone(), what })
+            }
+            Err(_) => {
+                let what = format!("the dashboard does not answer within {:?}", self.within);
+                Err(RobotError::Protocol { address: self.address.clone(), what })
+            }
+        }
     }
 }

@@ -4,7 +4,7 @@ use crate::devices::rtde::{DataType, Value};
 use crate::session::{ExecutorState, MoveTarget, RobotSample};
 
 /// Outputs in the order of [`sample_from`].
-pub(super) const OUTPUTS: [(&str, DataType); 19] = [
+pub(super) const OUTPUTS: [(&str, DataType); 22] = [
     ("timestamp", DataType::Double),
     ("actual_q", DataType::Vector6d),
     ("actual_qd", DataType::Vector6d),
@@ -21,7 +21,10 @@ pub(super) const OUTPUTS: [(&str, DataType); 19] = [
     ("robot_status_bits", DataType::Uint32),
     ("runtime_state", DataType::Uint32),
     ("speed_scaling", DataType::Double),
+    ("target_speed_fraction", DataType::Double),
     ("actual_digital_input_bits", DataType::Uint64),
+    ("actual_digital_output_bits", DataType::Uint64),
+    ("joint_temperatures", DataType::Vector6d),
     ("output_int_register_24", DataType::Int32),
     ("output_int_register_25", DataType::Int32),
 ];
@@ -117,7 +120,10 @@ pub(super) fn sample_from(values: &[Value]) -> Result<RobotSample, String> {
         Value::Uint32(robot_status_bits),
         Value::Uint32(runtime_state),
         Value::Double(speed_scaling),
+        Value::Double(target_speed_fraction),
         Value::Uint64(digital_inputs),
+        Value::Uint64(digital_outputs),
+        Value::Vector6d(joint_temperatures_c),
         Value::Int32(executor_sequence),
         Value::Int32(state),
     ] = values
@@ -141,7 +147,10 @@ pub(super) fn sample_from(values: &[Value]) -> Result<RobotSample, String> {
         robot_status_bits,
         runtime_state,
         speed_scaling,
+        target_speed_fraction,
         digital_inputs,
+        digital_outputs,
+        joint_temperatures_c,
         executor_sequence,
         executor_state: executor_state(state),
     })
@@ -155,5 +164,34 @@ fn executor_state(register: i32) -> ExecutorState {
         3 => ExecutorState::Steady,
         -1 => ExecutorState::Refused,
         _ => ExecutorState::Absent,
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::devices::rtde::Value;
+
+    /// A sample of an arm that stands at zero.
+    pub(in super::super) fn sample() -> RobotSample {
+        let zero = |data_type: DataType| match data_type {
+            DataType::Double => Value::Double(0.0),
+            DataType::Vector6d => Value::Vector6d([0.0; 6]),
+            DataType::Vector3d => Value::Vector3d([0.0; 3]),
+            DataType::Uint32 => Value::Uint32(0),
+            DataType::Uint64 => Value::Uint64(0),
+            _ => Value::Int32(0),
+        };
+        let values: Vec<_> = OUTPUTS.iter().map(|(_, t)| zero(*t)).collect();
+        sample_from(&values).unwrap()
+    }
+
+    #[test]
+    fn a_number_that_is_not_finite_is_named() {
+        let mut values: Vec<_> = OUTPUTS.iter().map(|_| Value::Int32(0)).collect();
+        values[5] = Value::Vector6d([0.0, 0.0, f64::NAN, 0.0, 0.0, 0.0]);
+        assert_eq!(sample_from(&values).unwrap_err(), "actual_TCP_pose is not finite");
+        values[5] = Value::Int32(0);
+        assert!(sample_from(&values).unwrap_err().contains("not those of the output recipe"));
     }
 }

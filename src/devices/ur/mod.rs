@@ -8,10 +8,14 @@
 mod config;
 mod connection;
 mod dashboard;
+mod external;
 mod fields;
+mod lines;
 mod primary;
 mod robot;
+mod samples;
 mod script;
+mod supervisor;
 
 pub use crate::devices::rtde::{ControllerVersion, TextMessage};
 pub use config::{MotionCaps, UrConfig};

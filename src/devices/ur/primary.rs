@@ -8,6 +8,7 @@ use super::config::UrConfig;
 use super::connection::{broken, open};
 use crate::devices::RobotError;
 use crate::geometry::kinematics::Dh;
+use crate::session::Kinematics;
 
 const ROBOT_STATE: u8 = 16;
 const KINEMATICS_INFO: u8 = 5;
@@ -24,22 +25,26 @@ const MAX_PACKAGE_BYTES: usize = 1 << 16;
 ///
 /// Runs its own event loop: not from async code. Fails where the controller does not send them within
 /// `answer_within`.
-pub fn read_kinematics(config: &UrConfig) -> Result<Dh, RobotError> {
+pub fn read_kinematics(config: &UrConfig) -> Result<Kinematics, RobotError> {
     let address = config.address(config.primary_port);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let runtime = runtime.map_err(|e| broken(&address, &e))?;
-    runtime.block_on(async {
-        match timeout(config.answer_within, kinematics_from(&address, config)).await {
-            Ok(found) => found,
-            Err(_) => {
-                let what = format!("no calibrated kinematics within {:?}", config.answer_within);
-                Err(RobotError::Protocol { address: address.clone(), what })
-            }
-        }
-    })
+    runtime.block_on(kinematics(config))
 }
 
-async fn kinematics_from(address: &str, config: &UrConfig) -> Result<Dh, RobotError> {
+/// As [`read_kinematics`], inside an event loop.
+pub(super) async fn kinematics(config: &UrConfig) -> Result<Kinematics, RobotError> {
+    let address = config.address(config.primary_port);
+    match timeout(config.answer_within, kinematics_from(&address, config)).await {
+        Ok(found) => found,
+        Err(_) => {
+            let what = format!("no calibrated kinematics within {:?}", config.answer_within);
+            Err(RobotError::Protocol { address, what })
+        }
+    }
+}
+
+async fn kinematics_from(address: &str, config: &UrConfig) -> Result<Kinematics, RobotError> {
     let mut stream = open(address, config.answer_within).await?;
     let mut waiting = BytesMut::new();
     let protocol = |what: String| RobotError::Protocol { address: address.into(), what };
@@ -75,27 +80,28 @@ fn take_part(from: &mut BytesMut) -> Result<Option<(u8, BytesMut)>, String> {
     Ok(Some((kind, part)))
 }
 
-fn kinematics_in_state(mut state: BytesMut) -> Option<Result<Dh, String>> {
+fn kinematics_in_state(mut state: BytesMut) -> Option<Result<Kinematics, String>> {
     loop {
         match take_part(&mut state) {
             Err(why) => return Some(Err(why)),
             Ok(None) => return None,
-            Ok(Some((KINEMATICS_INFO, data))) => return Some(dh_from(data)),
+            Ok(Some((KINEMATICS_INFO, data))) => return Some(kinematics_of(data)),
             Ok(Some(_)) => {}
         }
     }
 }
 
-fn dh_from(mut data: BytesMut) -> Result<Dh, String> {
+fn kinematics_of(mut data: BytesMut) -> Result<Kinematics, String> {
     if data.len() < KINEMATICS_BYTES {
         return Err(format!("kinematics of {} bytes, expected {KINEMATICS_BYTES}", data.len()));
     }
-    data.advance(CHECKSUM_BYTES);
+    let checksum = data.split_to(CHECKSUM_BYTES).iter().map(|byte| format!("{byte:02x}")).collect();
     let mut column = || std::array::from_fn(|_| data.get_f64());
     let dh = Dh { theta_rad: column(), a_m: column(), d_m: column(), alpha_rad: column() };
     let columns = [dh.theta_rad, dh.a_m, dh.d_m, dh.alpha_rad];
     let finite = columns.iter().flatten().all(|v| v.is_finite());
-    if finite { Ok(dh) } else { Err("the kinematics are not finite".into()) }
+    let calibrated = data.get_u32() != 0;
+    if finite { Ok(Kinematics { dh, checksum, calibrated }) } else { Err("the kinematics are not finite".into()) }
 }
 
 #[cfg(test)]

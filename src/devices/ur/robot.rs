@@ -4,34 +4,34 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::runtime::Runtime;
-use tokio::time::timeout;
 
 use super::config::UrConfig;
-use super::connection::Connection;
-use super::dashboard::{self, RobotInfo};
-use super::fields::{self, Order};
+use super::connection::{Connection, Field};
+use super::dashboard::RobotInfo;
+use super::external::Handshake;
+use super::fields::{INPUTS, Order};
+use super::lines::Lines;
+use super::primary;
+use super::samples::{Freshness, next_sample};
 use super::script::{MOTION_SCRIPT, STOP_SCRIPT, ScriptPort};
-use crate::devices::rtde::{ControllerVersion, TextMessage};
+use super::supervisor::Supervisor;
+use crate::config::{Line, MotionBy};
+use crate::devices::rtde::{ControllerVersion, DataType, TextMessage};
 use crate::devices::{Clock, Robot, RobotError};
-use crate::session::{ExecutorState, MoveTarget, RobotSample, Stamp};
+use crate::session::{ExecutorState, Kinematics, MoveTarget, RobotFacts, RobotSample, Stamp};
 
-const RUNNING: i32 = 7;
-const NORMAL_OR_REDUCED: [i32; 2] = [1, 2];
 const STOPPED: u32 = 1;
 const PLAYING: u32 = 2;
-
-/// Real time after which a silent socket is looked at again.
-const LOOK_AGAIN: Duration = Duration::from_millis(20);
 
 /// How often a controller that is still busy is tried, and the real time in between. An executor whose
 /// client died is stopped by its watchdog within 0.15 s.
 const TRIES: usize = 5;
 const BETWEEN_TRIES: Duration = Duration::from_millis(200);
 
-/// Share of time by which the two clocks may drift apart without counting as lateness.
-const CLOCK_DRIFT: f64 = 1e-3;
+/// Session time in which a program of the plant leaves its last pose.
+const LEAVE_WITHIN_S: f64 = 5.0;
 
-/// A Universal Robots arm, moved by our script.
+/// A Universal Robots arm, moved by our script or by a program of the plant.
 ///
 /// Owns an event loop: must not be used from async code. [`Robot::start_move`] only prepares the
 /// command; it leaves with the next [`Robot::heartbeat`], in the same package.
@@ -40,13 +40,47 @@ pub struct UrRobot {
     clock: Arc<dyn Clock>,
     runtime: Runtime,
     connection: Connection,
-    script: ScriptPort,
+    supervisor: Supervisor,
     info: RobotInfo,
-    order: Order,
-    heartbeat: i32,
-    /// No heartbeats any more: the stop script could not be delivered, the watchdog has to stop the arm.
-    withhold: bool,
+    kinematics: Option<Kinematics>,
     freshness: Freshness,
+    lines: Lines,
+    heartbeat: i32,
+    /// The last sample showed a program that is not ours.
+    foreign_program: bool,
+    last_sequence: i32,
+    motion: Motion,
+}
+
+/// Who moves the arm.
+enum Motion {
+    Script(Script),
+    External { handshake: Handshake, captured: Line },
+}
+
+struct Script {
+    port: ScriptPort,
+    order: Order,
+    phase: Phase,
+    /// Exceptions that the controller had told of before the upload.
+    exceptions: usize,
+}
+
+/// How far the script has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    /// It is not on the controller.
+    Absent,
+    /// Its first sequence number leaves with the next heartbeat.
+    Announced,
+    /// The number is in place before the script reads it; the script leaves with the next heartbeat.
+    Placed,
+    /// It has been sent, and has not answered yet.
+    Sent,
+    /// It has answered.
+    Running,
+    /// No heartbeats any more: the stop could not be delivered, the watchdog has to stop the arm.
+    Withheld,
 }
 
 impl std::fmt::Debug for UrRobot {
@@ -56,66 +90,52 @@ impl std::fmt::Debug for UrRobot {
 }
 
 impl UrRobot {
-    /// Connects, checks that the arm may move and that nothing else moves it, and starts our script.
-    ///
-    /// The arm does not move, but is held where it is. Returns when the script waits for commands.
+    /// Connects, and asks the controller to describe itself. Nothing is started, nothing moves.
     pub fn connect(config: &UrConfig, clock: Arc<dyn Clock>) -> Result<Self, RobotError> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
         let runtime = runtime.map_err(|e| RobotError::Unreachable {
             address: config.host.clone(),
             why: format!("the system gives no event loop: {e}"),
         })?;
-        let info = runtime.block_on(dashboard::read_info(config));
-        if info.remote_control == Some(false) {
-            let why = "it is in local control; switch the teach pendant to remote control".into();
-            return Err(RobotError::Refused { what: "scripts".into(), why });
+        let (extra, lines) = (extra_outputs(config), lines(config));
+        let mut inputs: Vec<Field> = Vec::new();
+        if config.motion == MotionBy::Script {
+            inputs.extend(INPUTS.iter().map(|(name, t)| ((*name).to_owned(), *t)));
         }
-        let (connection, script, freshness, sample) = runtime.block_on(open_when_free(config, &*clock))?;
-        let order = Order::none(next_sequence(sample.executor_sequence));
-        let (config, heartbeat, withhold) = (config.clone(), 0, false);
-        let mut robot =
-            Self { config, clock, runtime, connection, script, info, order, heartbeat, withhold, freshness };
-        robot.start_script(&sample)?;
+        inputs.extend(lines.fields());
+        let opened = runtime.block_on(open_when_free(config, &*clock, &extra, &inputs))?;
+        let Opened { connection, freshness, sample } = opened;
+        let supervisor = Supervisor::of(connection.version());
+        let info = runtime.block_on(supervisor.info(config));
+        let kinematics = runtime.block_on(primary::kinematics(config)).ok();
+        let motion = match &config.motion {
+            MotionBy::Script => {
+                let port = runtime.block_on(ScriptPort::open(config))?;
+                let order = Order::none(sample.executor_sequence);
+                Motion::Script(Script { port, order, phase: Phase::Absent, exceptions: 0 })
+            }
+            MotionBy::External(external) => {
+                Motion::External { handshake: Handshake::new(external), captured: external.captured }
+            }
+        };
+        let mut robot = Self {
+            config: config.clone(),
+            clock,
+            runtime,
+            connection,
+            supervisor,
+            info,
+            kinematics,
+            freshness,
+            lines,
+            heartbeat: 0,
+            foreign_program: sample.runtime_state == PLAYING,
+            last_sequence: sample.executor_sequence,
+            motion,
+        };
+        // The first sample has been judged here.
+        robot.heartbeat()?;
         Ok(robot)
-    }
-
-    fn start_script(&mut self, sample: &RobotSample) -> Result<(), RobotError> {
-        let ready = sample.robot_mode == RUNNING && NORMAL_OR_REDUCED.contains(&sample.safety_mode);
-        if !ready {
-            let (robot, safety) = (sample.robot_mode, sample.safety_mode);
-            let why = format!("robot mode is {robot} (7 is running), safety mode {safety} (1 is normal, 2 reduced)");
-            return Err(RobotError::Refused { what: "motion".into(), why });
-        }
-        // The sequence is in place before the script reads its start value, so that its first report
-        // shows that it is this script, of this connection.
-        self.heartbeat()?;
-        self.next_sample()?;
-        let Self { runtime, script, config, .. } = self;
-        runtime.block_on(script.upload(MOTION_SCRIPT, config))?;
-        let sequence = self.order.sequence;
-        self.wait_for("the motion script", |s| {
-            let ours = s.executor_sequence == sequence && s.executor_state == ExecutorState::Idle;
-            ours && s.runtime_state == PLAYING
-        })?;
-        Ok(())
-    }
-
-    /// Runs until a sample shows what is waited for, at most `program_within`.
-    fn wait_for(&mut self, what: &str, done: impl Fn(&RobotSample) -> bool) -> Result<RobotSample, RobotError> {
-        let (began, exceptions) = (self.clock.now(), self.connection.exceptions());
-        loop {
-            self.heartbeat()?;
-            let (at, sample) = self.next_sample()?;
-            if done(&sample) {
-                return self.heartbeat().map(|()| sample);
-            }
-            let waited_s = at.seconds() - began.seconds();
-            let patient = waited_s < self.config.program_within.as_secs_f64();
-            if !patient || self.connection.exceptions() > exceptions {
-                let why = format!("not there after {waited_s:.1} s, runtime state {}", sample.runtime_state);
-                return Err(self.connection.refused(what, &why));
-            }
-        }
     }
 
     /// Version of the controller, by RTDE.
@@ -128,72 +148,208 @@ impl UrRobot {
         &self.info
     }
 
-    /// The program that runs on the controller.
-    pub fn script_text(&self) -> &'static str {
-        MOTION_SCRIPT
-    }
-
-    /// SHA-256 of the program, lower-case hexadecimal.
-    pub fn script_sha256(&self) -> String {
-        super::script_sha256()
-    }
-
     /// What the controller has said in words since the last call, at most the last 50.
     pub fn take_texts(&mut self) -> Vec<TextMessage> {
         self.connection.take_texts()
     }
+
+    /// Runs until a sample shows what is waited for, at most `within_s` of session time.
+    fn wait_for(&mut self, what: &str, within_s: f64, done: impl Fn(&RobotSample) -> bool) -> Result<(), RobotError> {
+        let began = self.clock.now();
+        loop {
+            self.heartbeat()?;
+            let (at, sample) = self.next_sample()?;
+            if done(&sample) {
+                return self.heartbeat();
+            }
+            let waited_s = at.seconds() - began.seconds();
+            let patient = waited_s < within_s;
+            if !patient {
+                let why = format!("not there after {waited_s:.1} s, runtime state {}", sample.runtime_state);
+                return Err(self.connection.refused(what, &why));
+            }
+        }
+    }
+
+    fn set_calibrating(&mut self, on: bool) {
+        if let Some(line) = self.config.calibrating {
+            self.lines.set(line, on);
+        }
+    }
+
+    /// Brings the script to the controller in two steps, one a heartbeat.
+    fn advance_upload(&mut self) -> Result<(), RobotError> {
+        let Motion::Script(script) = &mut self.motion else { return Ok(()) };
+        match script.phase {
+            Phase::Announced => script.phase = Phase::Placed,
+            Phase::Placed => {
+                (script.phase, script.exceptions) = (Phase::Sent, self.connection.exceptions());
+                self.runtime.block_on(script.port.upload(MOTION_SCRIPT, &self.config))?;
+            }
+            Phase::Absent | Phase::Sent | Phase::Running | Phase::Withheld => {}
+        }
+        Ok(())
+    }
+
+    /// Puts into a sample what is known about the program that moves the arm.
+    fn judge(&mut self, sample: &mut RobotSample, extra: &[crate::devices::rtde::Value]) -> Result<(), RobotError> {
+        self.last_sequence = sample.executor_sequence;
+        self.foreign_program = false;
+        match &mut self.motion {
+            Motion::External { handshake, captured } => {
+                handshake.judge(sample, extra);
+                self.lines.set(*captured, handshake.captured());
+            }
+            Motion::Script(script) => {
+                let playing = sample.runtime_state == PLAYING;
+                match script.phase {
+                    Phase::Absent | Phase::Announced | Phase::Placed => self.foreign_program = playing,
+                    Phase::Sent if self.connection.exceptions() > script.exceptions => {
+                        return Err(self.connection.refused("the motion script", "it does not run"));
+                    }
+                    Phase::Sent => {
+                        let ours = sample.executor_sequence == script.order.sequence;
+                        if playing && ours && sample.executor_state == ExecutorState::Idle {
+                            script.phase = Phase::Running;
+                        }
+                    }
+                    Phase::Running | Phase::Withheld => {}
+                }
+                if !matches!(script.phase, Phase::Running | Phase::Withheld) {
+                    // What the registers hold now is not from this session.
+                    sample.executor_state = ExecutorState::Absent;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn finish_script(&mut self) -> Result<(), RobotError> {
+        let what = "the end of the motion script";
+        let within_s = self.config.program_within.as_secs_f64();
+        let Motion::Script(script) = &mut self.motion else { return Ok(()) };
+        match script.phase {
+            Phase::Absent | Phase::Withheld => return Ok(()),
+            // It may be on its way: nothing less than a stop is sure.
+            Phase::Announced | Phase::Placed | Phase::Sent => return self.stop(),
+            Phase::Running => {}
+        }
+        script.order = Order::end(next_sequence(script.order.sequence));
+        let ended = self.wait_for(what, within_s, |s| s.runtime_state == STOPPED);
+        if ended.is_ok() {
+            return Ok(());
+        }
+        self.stop()?;
+        // A paused program takes no script; the supervisor ends it.
+        let Self { runtime, supervisor, config, .. } = self;
+        let told = runtime.block_on(supervisor.stop_program(config));
+        self.wait_for(what, within_s, |s| s.runtime_state == STOPPED).or(told)
+    }
+
+    fn finish_external(&mut self) -> Result<(), RobotError> {
+        let Motion::External { handshake, .. } = &mut self.motion else { return Ok(()) };
+        let last = handshake.next();
+        let left = |s: &RobotSample| s.executor_state == ExecutorState::Moving && s.executor_sequence < last;
+        self.wait_for("that the program leaves the last pose", LEAVE_WITHIN_S, left)
+    }
 }
 
 impl Robot for UrRobot {
+    fn facts(&self) -> RobotFacts {
+        let ControllerVersion { major, minor, bugfix, build } = self.connection.version();
+        let (motion, script_sha256) = match self.motion {
+            Motion::Script(_) => ("cellcal motion script".to_owned(), super::script_sha256()),
+            Motion::External { .. } => ("a program of the plant".to_owned(), String::new()),
+        };
+        RobotFacts {
+            controller_version: [major, minor, bugfix, build],
+            model: self.info.model.clone(),
+            serial: self.info.serial.clone(),
+            remote_control: self.info.remote_control,
+            kinematics: self.kinematics.clone(),
+            motion,
+            script_sha256,
+        }
+    }
+
     fn next_sample(&mut self) -> Result<(Stamp, RobotSample), RobotError> {
         let Self { runtime, connection, freshness, clock, config, .. } = self;
-        runtime.block_on(next_sample(connection, freshness, &**clock, config))
+        let (at, mut sample, extra) = runtime.block_on(next_sample(connection, freshness, &**clock, config))?;
+        self.judge(&mut sample, &extra)?;
+        Ok((at, sample))
+    }
+
+    fn start_program(&mut self) -> Result<(), RobotError> {
+        if let Motion::Script(script) = &mut self.motion {
+            script.order = Order::none(next_sequence(self.last_sequence));
+            script.phase = Phase::Announced;
+        }
+        Ok(())
     }
 
     fn start_move(&mut self, target: &MoveTarget) -> Result<i32, RobotError> {
-        self.config.caps.check(target)?;
-        self.order = Order::move_to(next_sequence(self.order.sequence), target);
-        Ok(self.order.sequence)
+        self.set_calibrating(true);
+        match &mut self.motion {
+            Motion::External { handshake, .. } => Ok(handshake.next()),
+            Motion::Script(script) => {
+                self.config.caps.check(target)?;
+                script.order = Order::move_to(next_sequence(script.order.sequence), target);
+                Ok(script.order.sequence)
+            }
+        }
     }
 
     fn heartbeat(&mut self) -> Result<(), RobotError> {
-        if self.withhold {
+        if self.foreign_program {
+            // It may be an executor whose client died: its watchdog must not be fed.
             return Ok(());
         }
-        self.heartbeat = self.heartbeat.wrapping_add(1);
-        let values = self.order.values(self.heartbeat);
-        let within = self.config.stale_after;
-        self.runtime.block_on(self.connection.send_inputs(&values, within))
+        self.advance_upload()?;
+        let lines = self.lines.values();
+        let values = match &self.motion {
+            Motion::Script(script) if script.phase == Phase::Withheld => return Ok(()),
+            Motion::Script(script) => {
+                self.heartbeat = self.heartbeat.wrapping_add(1);
+                [script.order.values(self.heartbeat), lines].concat()
+            }
+            Motion::External { .. } => lines,
+        };
+        self.runtime.block_on(self.connection.send_inputs(&values, self.config.stale_after))
     }
 
     /// Uploads a program that stops the arm: it replaces whatever runs, also in the middle of a move.
     ///
     /// Where it cannot be delivered, heartbeats cease as well, and the controller's watchdog stops the arm.
     fn stop(&mut self) -> Result<(), RobotError> {
-        self.order = Order::none(self.order.sequence);
-        let Self { runtime, script, config, withhold, .. } = self;
+        self.set_calibrating(false);
+        let Self { runtime, motion, config, supervisor, .. } = self;
+        let Motion::Script(script) = motion else { return runtime.block_on(supervisor.stop_program(config)) };
+        if script.phase == Phase::Absent {
+            return Ok(());
+        }
+        script.order = Order::none(script.order.sequence);
         let stopped = runtime.block_on(async {
-            if script.upload(STOP_SCRIPT, config).await.is_err() {
-                *script = ScriptPort::open(config).await?;
-                script.upload(STOP_SCRIPT, config).await?;
+            if script.port.upload(STOP_SCRIPT, config).await.is_err() {
+                script.port = ScriptPort::open(config).await?;
+                script.port.upload(STOP_SCRIPT, config).await?;
             }
             Ok(())
         });
-        *withhold = stopped.is_err();
+        if stopped.is_err() {
+            script.phase = Phase::Withheld;
+        }
         stopped
     }
 
-    /// Asks the script to end, and stops it where it does not within `program_within`.
-    fn finish(&mut self) -> Result<(), RobotError> {
-        let what = "the end of the motion script";
-        self.order = Order::end(next_sequence(self.order.sequence));
-        if self.wait_for(what, |s| s.runtime_state != PLAYING).is_ok_and(|s| s.runtime_state == STOPPED) {
-            return Ok(());
+    /// Asks the program to end, and stops it where it does not within `program_within`; then loads the next.
+    fn finish(&mut self, load: Option<&str>) -> Result<(), RobotError> {
+        self.set_calibrating(false);
+        match self.motion {
+            Motion::Script(_) => self.finish_script()?,
+            Motion::External { .. } => self.finish_external()?,
         }
-        self.stop()?;
-        // A paused program takes no script; the dashboard ends it.
-        self.runtime.block_on(dashboard::stop_program(&self.config));
-        self.wait_for(what, |s| s.runtime_state == STOPPED).map(drop)
+        let Self { runtime, supervisor, config, .. } = self;
+        load.map_or(Ok(()), |program| runtime.block_on(supervisor.load(config, program)))
     }
 }
 
@@ -202,120 +358,61 @@ fn next_sequence(last: i32) -> i32 {
     last.checked_add(1).filter(|next| *next > 0).unwrap_or(1)
 }
 
+/// What is asked of the controller beside the usual fields.
+fn extra_outputs(config: &UrConfig) -> Vec<Field> {
+    match &config.motion {
+        MotionBy::External(external) => match external.at_pose {
+            Line::BitRegister(number) => vec![(format!("output_bit_register_{number}"), DataType::Bool)],
+            Line::DigitalOutput(_) => Vec::new(),
+        },
+        MotionBy::Script => Vec::new(),
+    }
+}
+
+/// The bits that we set.
+fn lines(config: &UrConfig) -> Lines {
+    let captured = match &config.motion {
+        MotionBy::External(external) => Some(external.captured),
+        MotionBy::Script => None,
+    };
+    Lines::new(config.calibrating.into_iter().chain(captured))
+}
+
+/// A started connection and its first sample.
+struct Opened {
+    connection: Connection,
+    freshness: Freshness,
+    sample: RobotSample,
+}
+
 /// Connects, and tries again while a program runs: perhaps an executor whose client has just died.
 async fn open_when_free(
     config: &UrConfig,
     clock: &dyn Clock,
-) -> Result<(Connection, ScriptPort, Freshness, RobotSample), RobotError> {
-    for _ in 0..TRIES {
-        let mut connection = Connection::open(config).await?;
-        let script = ScriptPort::open(config).await?;
+    extra: &[Field],
+    inputs: &[Field],
+) -> Result<Opened, RobotError> {
+    let mut tries = 1;
+    loop {
+        let mut connection = Connection::open(config, extra, inputs).await?;
         connection.start().await?;
         let mut freshness = Freshness::default();
-        let (_, sample) = next_sample(&mut connection, &mut freshness, clock, config).await?;
-        if sample.runtime_state != PLAYING {
-            return Ok((connection, script, freshness, sample));
+        let (_, sample, _) = next_sample(&mut connection, &mut freshness, clock, config).await?;
+        let busy = sample.runtime_state == PLAYING && config.motion == MotionBy::Script;
+        // Pre-flight names a program that stays.
+        if !busy || tries >= TRIES {
+            return Ok(Opened { connection, freshness, sample });
         }
+        tries += 1;
         // Without a connection nothing feeds the watchdog of that program.
         drop(connection);
         tokio::time::sleep(BETWEEN_TRIES).await;
-    }
-    let why = "another program is running on the controller; stop it first".into();
-    Err(RobotError::Refused { what: "the motion script".into(), why })
-}
-
-/// The next fresh sample.
-async fn next_sample(
-    connection: &mut Connection,
-    freshness: &mut Freshness,
-    clock: &dyn Clock,
-    config: &UrConfig,
-) -> Result<(Stamp, RobotSample), RobotError> {
-    let asked = clock.now();
-    let mut waited = Duration::ZERO;
-    loop {
-        while let Some(values) = connection.next_values()? {
-            let sample = fields::sample_from(&values).map_err(|what| connection.protocol(what))?;
-            let stamp = clock.now();
-            let fresh = freshness.judge(stamp, sample.controller_time_s, config.stale_after);
-            if fresh.map_err(|what| connection.protocol(what))? {
-                return Ok((stamp, sample));
-            }
-        }
-        match timeout(LOOK_AGAIN, connection.read()).await {
-            Ok(read) => read?,
-            Err(_) => waited += LOOK_AGAIN,
-        }
-        let silent_s = clock.now().seconds() - asked.seconds();
-        let patient = silent_s <= config.stale_after.as_secs_f64() && waited < config.real_time_guard;
-        if !patient {
-            return Err(RobotError::Silent { silent_s: silent_s.max(waited.as_secs_f64()) });
-        }
-    }
-}
-
-/// Tells fresh samples from those that waited in some buffer, by comparing the two clocks.
-#[derive(Debug, Clone, Copy, Default)]
-struct Freshness {
-    /// Stamp of the last fresh sample.
-    last_seen: Option<Stamp>,
-    last_controller_s: f64,
-    /// Smallest stamp minus controller time so far, let go slowly.
-    offset_s: f64,
-}
-
-impl Freshness {
-    /// Whether a sample is new and not late; the error says that the controller's time ran backwards.
-    fn judge(&mut self, stamp: Stamp, controller_s: f64, stale_after: Duration) -> Result<bool, String> {
-        let offset_s = stamp.seconds() - controller_s;
-        if self.last_seen.is_none() {
-            *self = Self { last_seen: Some(stamp), last_controller_s: controller_s, offset_s };
-            return Ok(true);
-        }
-        let passed_s = controller_s - self.last_controller_s;
-        if passed_s < 0.0 {
-            let before_s = self.last_controller_s;
-            return Err(format!("controller time went from {before_s} s back to {controller_s} s; it has restarted"));
-        }
-        self.last_controller_s = controller_s;
-        self.offset_s = (self.offset_s + CLOCK_DRIFT * passed_s).min(offset_s);
-        let in_time = offset_s - self.offset_s <= stale_after.as_secs_f64();
-        let fresh = passed_s > 0.0 && in_time;
-        if fresh {
-            self.last_seen = Some(stamp);
-        }
-        Ok(fresh)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const LIMIT: Duration = Duration::from_millis(100);
-
-    #[test]
-    fn samples_that_waited_are_not_fresh() {
-        let mut freshness = Freshness::default();
-        let mut judge =
-            |now_s: f64, controller_s: f64| freshness.judge(Stamp::from_seconds(now_s), controller_s, LIMIT);
-        assert_eq!(judge(1.000, 50.000), Ok(true));
-        assert_eq!(judge(1.008, 50.008), Ok(true));
-        assert_eq!(judge(1.009, 50.008), Ok(false), "the same again");
-        assert_eq!(judge(1.200, 50.016), Ok(false), "waited for 184 ms");
-        assert_eq!(judge(1.201, 50.190), Ok(true), "caught up");
-        assert!(judge(1.3, 2.0).is_err(), "restarted");
-    }
-
-    #[test]
-    fn clocks_may_drift() {
-        let mut freshness = Freshness::default();
-        for i in 0..100_000 {
-            let controller_s = 50.0 + 0.008 * f64::from(i);
-            let stamp = Stamp::from_seconds(0.008 * f64::from(i) * (1.0 + 500e-6));
-            assert_eq!(freshness.judge(stamp, controller_s, LIMIT), Ok(true), "{i}");
-        }
-    }
 
     #[test]
     fn sequence_numbers_stay_positive() {

@@ -18,6 +18,8 @@ pub(super) enum Gated {
     DistanceMae,
     VectorMae,
     PanelSpread,
+    KinematicsDistance,
+    KinematicsAngle,
 }
 
 /// A gate with its measurement.
@@ -39,6 +41,8 @@ impl Gated {
             Self::DistanceMae => "base distance MAE".into(),
             Self::VectorMae => "displacement vector MAE".into(),
             Self::PanelSpread => "panel spread".into(),
+            Self::KinematicsDistance => "kinematics distance".into(),
+            Self::KinematicsAngle => "kinematics angle".into(),
         }
     }
 
@@ -47,7 +51,10 @@ impl Gated {
             Self::CameraRms(_) | Self::StereoRms => format!("{} px", px(value)),
             Self::CornerRate(_) => format!("{} %", percent(value)),
             Self::TargetSigma | Self::TargetMax | Self::TargetBias => format!("{} mm", mm(value)),
-            Self::DistanceMae | Self::VectorMae | Self::PanelSpread => format!("{} mm", mm(value)),
+            Self::DistanceMae | Self::VectorMae | Self::PanelSpread | Self::KinematicsDistance => {
+                format!("{} mm", mm(value))
+            }
+            Self::KinematicsAngle => format!("{} deg", fixed(value.to_degrees(), 3)),
         }
     }
 
@@ -119,6 +126,8 @@ fn list(result: &CalibrationResult) -> Vec<Gate> {
         base_distance_mae_m,
         base_vector_mae_m,
         panel_spread_m,
+        kinematics_m,
+        kinematics_rad,
     } = gates;
     let cameras = [(Camera::Rgb, rgb_rms_px), (Camera::Event, event_rms_px)];
     let rms = cameras.map(|(camera, limit)| (Gated::CameraRms(camera), limit));
@@ -130,6 +139,8 @@ fn list(result: &CalibrationResult) -> Vec<Gate> {
         (Gated::DistanceMae, base_distance_mae_m),
         (Gated::VectorMae, base_vector_mae_m),
         (Gated::PanelSpread, panel_spread_m),
+        (Gated::KinematicsDistance, kinematics_m),
+        (Gated::KinematicsAngle, kinematics_rad),
     ];
     let all = rms.into_iter().chain([(Gated::StereoRms, stereo_rms_px)]).chain(rates).chain(others);
     let gate =
@@ -150,5 +161,7 @@ fn measured(result: &CalibrationResult, gated: Gated) -> Option<f64> {
         Gated::DistanceMae => distance.map(|d| d.mae_m),
         Gated::VectorMae => distance.and_then(|d| d.vector_mae_m),
         Gated::PanelSpread => result.hand_eye.as_ref().and_then(|h| h.panel_spread_m),
+        Gated::KinematicsDistance => result.kinematics.as_ref().and_then(|k| k.max_m()),
+        Gated::KinematicsAngle => result.kinematics.as_ref().and_then(|k| k.max_rad()),
     }
 }

@@ -4,6 +4,7 @@ mod cameras;
 mod checks;
 mod gates;
 mod hand_eye;
+mod kinematics;
 mod poses;
 mod provenance;
 
@@ -30,9 +31,9 @@ pub(super) fn document(result: &CalibrationResult) -> Document {
         poses::section(result),
         hand_eye::panel(result),
         hand_eye::observability(result),
-        provenance::timing(result),
-        provenance::section(result),
     ]);
+    sections.extend(kinematics::section(result));
+    sections.extend([provenance::timing(result), provenance::section(result)]);
     Document { subject: subject(result), verdict: verdict(result), sections }
 }
 

@@ -12,12 +12,58 @@ pub(super) const TICK_NS: u64 = 2_000_000;
 /// Text messages kept for clients that have not fetched them.
 const MAX_TEXTS: usize = 100;
 
-/// Whether the drives may move.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Time that a controller takes to boot.
+const BOOT_S: f64 = 5.0;
+
+/// State of the safety system, the worst last; the numbers are the safety modes of RTDE.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Safety {
-    Normal,
-    ProtectiveStop,
-    EmergencyStop,
+    Normal = 1,
+    Reduced = 2,
+    ProtectiveStop = 3,
+    SafeguardStop = 5,
+    EmergencyStop = 7,
+    Violation = 8,
+    Fault = 9,
+}
+
+impl Safety {
+    /// The safety mode of RTDE.
+    pub(super) fn mode(self) -> i32 {
+        self as i32
+    }
+
+    /// The safety status bits of RTDE.
+    pub(super) fn status_bits(self) -> u32 {
+        const STOPPED_DUE_TO_SAFETY: u32 = 1 << 10;
+        match self {
+            Self::Normal => 1,
+            Self::Reduced => 1 << 1,
+            Self::ProtectiveStop => 1 << 2 | STOPPED_DUE_TO_SAFETY,
+            Self::SafeguardStop => 1 << 4 | STOPPED_DUE_TO_SAFETY,
+            Self::EmergencyStop => 1 << 6 | 1 << 7 | STOPPED_DUE_TO_SAFETY,
+            Self::Violation => 1 << 8 | STOPPED_DUE_TO_SAFETY,
+            Self::Fault => 1 << 9 | STOPPED_DUE_TO_SAFETY,
+        }
+    }
+
+    /// The word of the dashboard.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Normal => "NORMAL",
+            Self::Reduced => "REDUCED",
+            Self::ProtectiveStop => "PROTECTIVE_STOP",
+            Self::SafeguardStop => "SAFEGUARD_STOP",
+            Self::EmergencyStop => "ROBOT_EMERGENCY_STOP",
+            Self::Violation => "VIOLATION",
+            Self::Fault => "FAULT",
+        }
+    }
+
+    /// Whether the drives may move.
+    pub(super) fn allows_motion(self) -> bool {
+        matches!(self, Self::Normal | Self::Reduced)
+    }
 }
 
 /// State of the user's program; the numbers of RTDE.
@@ -59,6 +105,12 @@ pub(super) struct Body {
     pub(super) digital_outputs: u64,
     pub(super) safety: Safety,
     pub(super) powered: bool,
+    /// Until when the controller boots.
+    booting_until_tick: u64,
+    /// Somebody holds the freedrive button.
+    pub(super) teach_button: bool,
+    /// The dashboard answers with errors only.
+    pub(super) dashboard_refuses: bool,
     pub(super) runtime: Runtime,
     pub(super) watchdogs: Vec<Watchdog>,
     texts: Vec<TextMessage>,
@@ -78,6 +130,9 @@ impl Body {
             digital_outputs: 0,
             safety: Safety::Normal,
             powered: true,
+            booting_until_tick: 0,
+            teach_button: false,
+            dashboard_refuses: false,
             runtime: Runtime::Stopped,
             watchdogs: Vec::new(),
             texts: Vec::new(),
@@ -86,7 +141,7 @@ impl Body {
 
     /// Simulated time, nanoseconds.
     pub(super) fn now_ns(&self) -> u64 {
-        self.tick * TICK_NS
+        self.config.start_ns + self.tick * TICK_NS
     }
 
     /// Simulated time, s.
@@ -96,7 +151,7 @@ impl Body {
 
     /// Whether a program may run.
     pub(super) fn may_run(&self) -> bool {
-        self.powered && self.safety == Safety::Normal
+        self.powered && self.safety.allows_motion()
     }
 
     pub(super) fn speed_fraction(&self) -> f64 {
@@ -159,12 +214,56 @@ impl Body {
     }
 
     pub(super) fn protective_stop(&mut self, why: &str) {
-        self.safety = Safety::ProtectiveStop;
         self.say(TextLevel::Exception, format!("protective stop: {why}"));
+        self.stop_for_safety(Safety::ProtectiveStop);
+    }
+
+    /// A stop that keeps the power: the arm brakes on its path and the program pauses.
+    pub(super) fn stop_for_safety(&mut self, safety: Safety) {
+        self.safety = self.safety.max(safety);
         self.motion.pause(self.config.safety_stop_rad_s2);
         if self.runtime == Runtime::Playing {
             self.runtime = Runtime::Paused;
         }
+    }
+
+    /// Power off: the arm brakes and forgets its path. Ending the program is left to the caller.
+    pub(super) fn cut_power(&mut self, safety: Safety) {
+        self.safety = self.safety.max(safety);
+        self.powered = false;
+        if self.motion.is_busy() {
+            self.motion.stop(self.config.safety_stop_rad_s2);
+        }
+    }
+
+    /// What a restart of the controller leaves: the arm where it is, and nothing else. Booting ends without power.
+    pub(super) fn restart(&mut self, boots: bool) {
+        self.inputs = Inputs::new();
+        (self.output_int, self.output_double) = ([0; REGISTERS], [0.0; REGISTERS]);
+        self.digital_outputs = 0;
+        self.config.boot_time_s = -self.now_s();
+        if boots {
+            self.booting_until_tick = self.tick + Self::ticks_of(BOOT_S);
+            self.cut_power(Safety::Normal);
+        } else if self.motion.is_busy() {
+            self.motion.stop(self.config.safety_stop_rad_s2);
+        }
+    }
+
+    /// Whether the controller is still booting.
+    pub(super) fn is_booting(&self) -> bool {
+        self.tick < self.booting_until_tick
+    }
+
+    /// What an operator does after a stop; a paused program stays paused.
+    pub(super) fn recover(&mut self) {
+        (self.safety, self.powered, self.booting_until_tick) = (Safety::Normal, true, 0);
+    }
+
+    /// Makes another TCP the active one: x, y, z (m) and axis-angle vector (rad) in the flange.
+    pub(super) fn set_tcp_offset(&mut self, tcp_offset: [f64; 6]) {
+        self.config.tcp_offset = tcp_offset;
+        self.motion.set_tcp_offset(tcp_offset);
     }
 
     /// One cycle of the drives.

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use rand::Rng as _;
 
+use super::faults::Planned;
 use super::noise::{self, Stream};
 use crate::geometry::kinematics::{Dh, Joints};
 
@@ -110,7 +111,9 @@ pub struct SimUrConfig {
     /// How long, in real time, a driving client may leave a data package without an answer before
     /// lock-step ends for it and time runs on at real pace. Zero: no lock-step at all.
     pub lock_step_patience: Duration,
-    /// Controller time when simulated time begins, s.
+    /// Simulated time at the start, ns; a resumed session goes on where it was.
+    pub start_ns: u64,
+    /// Controller time when simulated time is 0, s.
     pub boot_time_s: f64,
     /// Joint positions at the start, rad.
     pub start_joints_rad: Joints,
@@ -142,6 +145,10 @@ pub struct SimUrConfig {
     pub safety_stop_rad_s2: f64,
     /// Joint speed below which `is_steady()` is true, rad/s.
     pub steady_rad_s: f64,
+    /// What goes wrong, and when.
+    pub faults: Vec<Planned>,
+    /// Simulated time for which [`super::Truth`] remembers where the arm was, s.
+    pub truth_kept_s: f64,
 }
 
 impl Default for SimUrConfig {
@@ -151,6 +158,7 @@ impl Default for SimUrConfig {
             ports: Ports::default(),
             time_scale: f64::INFINITY,
             lock_step_patience: Duration::from_secs(2),
+            start_ns: 0,
             boot_time_s: 100.0,
             start_joints_rad: [0.0, -1.6, -1.9, -1.2, 1.57, 0.0],
             believed: None,
@@ -167,6 +175,8 @@ impl Default for SimUrConfig {
             program_stop_rad_s2: 8.0,
             safety_stop_rad_s2: 20.0,
             steady_rad_s: 0.002,
+            faults: Vec::new(),
+            truth_kept_s: 10.0,
         }
     }
 }

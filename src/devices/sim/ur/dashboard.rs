@@ -30,8 +30,9 @@ impl DashboardClient {
         for byte in bytes {
             if byte == b'\n' {
                 let line = String::from_utf8_lossy(&std::mem::take(&mut self.line)).trim().to_owned();
-                stop |= line == "stop";
-                let reply = reply(&line, body);
+                let refuses = body.dashboard_refuses;
+                stop |= line == "stop" && !refuses;
+                let reply = if refuses { format!("Failed to execute: {line}") } else { reply(&line, body) };
                 self.link.send(format!("{reply}\n").as_bytes());
                 if line == "quit" {
                     self.link.close();
@@ -49,7 +50,7 @@ impl DashboardClient {
 fn reply(line: &str, body: &mut Body) -> String {
     let [major, minor, bugfix, build] = body.config.version;
     match line {
-        "robotmode" => format!("Robotmode: {}", if body.powered { "RUNNING" } else { "POWER_OFF" }),
+        "robotmode" => format!("Robotmode: {}", robot_mode(body)),
         "safetystatus" => format!("Safetystatus: {}", safety(body)),
         "safetymode" => format!("Safetymode: {}", safety(body)),
         "PolyscopeVersion" => format!("URSoftware {major}.{minor}.{bugfix}.{build} (Oct 26 2022)"),
@@ -83,10 +84,14 @@ fn reply(line: &str, body: &mut Body) -> String {
     }
 }
 
-fn safety(body: &Body) -> &'static str {
-    match body.safety {
-        Safety::Normal => "NORMAL",
-        Safety::ProtectiveStop => "PROTECTIVE_STOP",
-        Safety::EmergencyStop => "ROBOT_EMERGENCY_STOP",
+fn robot_mode(body: &Body) -> &'static str {
+    match (body.is_booting(), body.powered) {
+        (true, _) => "BOOTING",
+        (false, true) => "RUNNING",
+        (false, false) => "POWER_OFF",
     }
+}
+
+fn safety(body: &Body) -> &'static str {
+    body.safety.name()
 }

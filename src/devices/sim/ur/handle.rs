@@ -1,57 +1,86 @@
 //! Orders from a test to the running simulation.
 
+use std::sync::{
+    Arc,
+    atomic::{AtomicU64, Ordering},
+    mpsc,
+};
+use std::time::Duration;
+
 use tokio::sync::mpsc::UnboundedSender;
+
+use super::faults::Fault;
 
 /// What a test may order.
 #[derive(Debug)]
 pub(super) enum Order {
-    ProtectiveStop,
-    EmergencyStop,
-    PowerOff,
+    Fault(Fault),
     Recover,
-    Pause,
     Resume,
+    Unmute,
+    Inject(Vec<u8>),
     DigitalInput(u32, bool),
     SpeedFraction(f64),
-    Mute(bool),
-    Inject(Vec<u8>),
-    DropConnections,
     ShutDown,
 }
 
-/// Makes things happen to the simulated robot; takes effect before time goes on.
+/// An order, and whom to tell that it is done.
+#[derive(Debug)]
+pub(super) struct Ordered {
+    pub(super) order: Order,
+    pub(super) done: mpsc::Sender<()>,
+}
+
+/// Real time after which an order counts as done, in a controller that hangs.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Makes things happen to the simulated robot: every call returns when it has happened, before time goes on.
 #[derive(Debug, Clone)]
 pub struct SimHandle {
-    orders: UnboundedSender<Order>,
+    orders: UnboundedSender<Ordered>,
+    motions_begun: Arc<AtomicU64>,
 }
 
 impl SimHandle {
-    pub(super) fn new(orders: UnboundedSender<Order>) -> Self {
-        Self { orders }
+    pub(super) fn new(orders: UnboundedSender<Ordered>, motions_begun: Arc<AtomicU64>) -> Self {
+        Self { orders, motions_begun }
     }
 
     fn order(&self, order: Order) {
+        let (done, wait) = mpsc::channel();
         // A controller that is gone obeys nothing; its clients see that soon enough.
-        let _ = self.orders.send(order);
+        if self.orders.send(Ordered { order, done }).is_ok() {
+            let _ = wait.recv_timeout(PATIENCE);
+        }
     }
 
     pub(super) fn shut_down(&self) {
         self.order(Order::ShutDown);
     }
 
+    /// Makes this go wrong now; while a client drives, exactly here: time stands until it answers its last sample.
+    pub fn inject_fault(&self, fault: Fault) {
+        self.order(Order::Fault(fault));
+    }
+
+    /// Motions (`movej`, `movel`) that programs have begun so far; a move to where the arm already is is none.
+    pub fn motions_begun(&self) -> u64 {
+        self.motions_begun.load(Ordering::Acquire)
+    }
+
     /// Protective stop: safety mode 3, the arm brakes, the program pauses.
     pub fn protective_stop(&self) {
-        self.order(Order::ProtectiveStop);
+        self.order(Order::Fault(Fault::ProtectiveStop));
     }
 
     /// Emergency stop: safety mode 7, the arm brakes, power off, the program ends.
     pub fn emergency_stop(&self) {
-        self.order(Order::EmergencyStop);
+        self.order(Order::Fault(Fault::EmergencyStop));
     }
 
     /// Power off: robot mode 3, the program ends.
     pub fn power_off(&self) {
-        self.order(Order::PowerOff);
+        self.order(Order::Fault(Fault::PowerOff));
     }
 
     /// Back to robot mode 7 and safety mode 1, as after the operator cleared a stop.
@@ -61,7 +90,7 @@ impl SimHandle {
 
     /// Pauses the program.
     pub fn pause(&self) {
-        self.order(Order::Pause);
+        self.order(Order::Fault(Fault::Pause));
     }
 
     /// Lets a paused program go on.
@@ -81,7 +110,7 @@ impl SimHandle {
 
     /// Sends no data any more, or again; connections stay open and time runs.
     pub fn mute(&self, mute: bool) {
-        self.order(Order::Mute(mute));
+        self.order(if mute { Order::Fault(Fault::Mute) } else { Order::Unmute });
     }
 
     /// Puts bytes into the stream to every RTDE client.
@@ -91,6 +120,6 @@ impl SimHandle {
 
     /// Closes every connection; new ones are accepted.
     pub fn drop_connections(&self) {
-        self.order(Order::DropConnections);
+        self.order(Order::Fault(Fault::Drop));
     }
 }

@@ -133,7 +133,8 @@ impl Inputs {
     }
 }
 
-fn zero(data_type: DataType) -> Value {
+/// The value of a field that nobody has set.
+pub(super) fn zero(data_type: DataType) -> Value {
     match data_type {
         DataType::Bool => Value::Bool(false),
         DataType::Uint8 => Value::Uint8(0),

@@ -9,16 +9,21 @@
 //! a session is the same every time. Where no client drives, or the driver is silent for
 //! `lock_step_patience`, time runs at real pace: watchdogs and dead clients behave as in reality.
 //!
+//! Faults: [`SimUrConfig::faults`] and [`SimHandle::inject_fault`] make the robot stop and the network bad, at
+//! exact moments of simulated time. While nothing reaches the clients, time runs at real pace.
+//!
 //! Start at [`SimController::start`].
 
 mod body;
 mod clock;
 mod config;
 mod dashboard;
+mod faults;
 mod handle;
 mod inputs;
 mod link;
 mod motion;
+mod network;
 mod noise;
 mod outputs;
 mod pacing;
@@ -32,17 +37,19 @@ mod truth;
 mod urscript;
 
 use std::net::{IpAddr, SocketAddr, TcpListener};
+use std::sync::{Arc, atomic::AtomicU64};
 use std::thread::JoinHandle;
 
 use tokio::sync::mpsc;
 
 pub use clock::SimClock;
 pub use config::{Flaws, Individual, Ports, SimUrConfig};
+pub use faults::{Fault, FaultError, Planned, When};
 pub use handle::SimHandle;
 pub use truth::Truth;
 
 use body::Body;
-use server::{Interface, Server};
+use server::{Interface, Server, Shared};
 
 /// Stack of the controller thread: the interpreter of scripts is recursive.
 const STACK_BYTES: usize = 16 << 20;
@@ -79,22 +86,24 @@ impl SimController {
     pub fn start(config: SimUrConfig, seed: u64) -> Result<Self, SimUrError> {
         let individual = Individual::draw(&config, seed);
         let (listeners, ports) = listen(&config)?;
-        let (address, clock, truth) = (config.address, SimClock::default(), Truth::new(individual.clone()));
+        let (address, clock, truth) = (config.address, SimClock::default(), Truth::new(individual.clone(), &config));
         let (sender, orders) = mpsc::unbounded_channel();
+        let motions_begun = Arc::<AtomicU64>::default();
+        let handle = SimHandle::new(sender, motions_begun.clone());
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(SimUrError::Thread)?;
-        let (thread_clock, thread_truth) = (clock.clone(), truth.clone());
+        let shared = Shared { clock: clock.clone(), truth: truth.clone(), orders, motions_begun };
         let serve = move || {
             let body = Body::new(&config, &individual, seed);
             runtime.block_on(async {
                 // Fails only where the runtime takes no sockets; clients then find nobody.
-                if let Ok(server) = Server::new(body, thread_clock, thread_truth, listeners, orders) {
+                if let Ok(server) = Server::new(body, shared, listeners) {
                     server.run().await;
                 }
             });
         };
         let thread = std::thread::Builder::new().name("sim-ur".into()).stack_size(STACK_BYTES);
         let thread = thread.spawn(serve).map_err(SimUrError::Thread)?;
-        Ok(Self { address, ports, clock, truth, handle: SimHandle::new(sender), thread: Some(thread) })
+        Ok(Self { address, ports, clock, truth, handle, thread: Some(thread) })
     }
 
     /// Where it listens.
@@ -115,6 +124,11 @@ impl SimController {
     /// Where the arm truly is, for the simulated cameras.
     pub fn truth(&self) -> Truth {
         self.truth.clone()
+    }
+
+    /// Motions that programs have begun so far, as [`SimHandle::motions_begun`].
+    pub fn motions_begun(&self) -> u64 {
+        self.handle.motions_begun()
     }
 
     /// For making things go wrong.

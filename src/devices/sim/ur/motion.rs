@@ -124,6 +124,7 @@ pub(super) struct Motion {
     unseen: Joints,
     unseen_goal: Joints,
     stops: u64,
+    begun: u64,
 }
 
 impl Motion {
@@ -144,7 +145,17 @@ impl Motion {
             unseen: [0.0; 6],
             unseen_goal: [0.0; 6],
             stops: 0,
+            begun: 0,
         }
+    }
+
+    /// Motions begun so far.
+    pub(super) fn begun(&self) -> u64 {
+        self.begun
+    }
+
+    pub(super) fn set_tcp_offset(&mut self, tcp_offset: [f64; 6]) {
+        self.flange_from_tcp = Transform::from_pose_vector(tcp_offset);
     }
 
     /// The controller's model.
@@ -231,6 +242,7 @@ impl Motion {
         if !moves {
             return;
         }
+        self.begun += 1;
         let profile = Trapezoid::new(length, speed, acceleration);
         self.path = Some(Path { way, profile, time_s: 0.0 });
         (self.pace, self.rate) = (Pace::Follow, 1.0);

@@ -15,6 +15,8 @@ pub(super) enum Stream {
     Settling = 4,
     /// What is measured in the n-th tick.
     Measured = 3,
+    /// What a bad network does to the n-th package.
+    Network = 5,
 }
 
 /// The generator of the `index`-th draw of a stream.

@@ -1,11 +1,12 @@
 //! The output fields of the simulated controller.
 
-use super::body::{Body, Runtime, Safety};
+use super::body::{Body, Runtime};
 use super::inputs::REGISTERS;
 use super::noise::{self, Stream};
 use crate::devices::rtde::{DataType, Value};
 use crate::geometry::kinematics::Joints;
 
+const ROBOT_MODE_BOOTING: i32 = 2;
 const ROBOT_MODE_POWER_OFF: i32 = 3;
 const ROBOT_MODE_RUNNING: i32 = 7;
 const JOINT_MODE_POWER_OFF: i32 = 239;
@@ -152,7 +153,11 @@ const CONSTANT: [(&str, Value); 27] = [
 ];
 
 pub(super) fn robot_mode(body: &Body) -> i32 {
-    if body.powered { ROBOT_MODE_RUNNING } else { ROBOT_MODE_POWER_OFF }
+    match (body.is_booting(), body.powered) {
+        (true, _) => ROBOT_MODE_BOOTING,
+        (false, true) => ROBOT_MODE_RUNNING,
+        (false, false) => ROBOT_MODE_POWER_OFF,
+    }
 }
 
 fn joint_mode(body: &Body) -> i32 {
@@ -160,21 +165,14 @@ fn joint_mode(body: &Body) -> i32 {
 }
 
 fn safety_mode(body: &Body) -> i32 {
-    match body.safety {
-        Safety::Normal => 1,
-        Safety::ProtectiveStop => 3,
-        Safety::EmergencyStop => 7,
-    }
+    body.safety.mode()
 }
 
 fn safety_status_bits(body: &Body) -> u32 {
-    match body.safety {
-        Safety::Normal => 1,
-        Safety::ProtectiveStop => 1 << 2 | 1 << 10,
-        Safety::EmergencyStop => 1 << 6 | 1 << 7 | 1 << 10,
-    }
+    body.safety.status_bits()
 }
 
 fn robot_status_bits(body: &Body) -> u32 {
-    u32::from(body.powered) | u32::from(body.runtime == Runtime::Playing) << 1
+    let playing = body.runtime == Runtime::Playing;
+    u32::from(body.powered) | u32::from(playing) << 1 | u32::from(body.teach_button) << 2
 }

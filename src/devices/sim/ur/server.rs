@@ -3,21 +3,29 @@
 //! Everything happens on one thread. What a client sent on one socket before it sent on another is
 //! seen in that order, because all sockets are read before time advances.
 
+mod injection;
+
 use std::cell::RefCell;
 use std::net::TcpListener as StdListener;
 use std::rc::Rc;
+use std::sync::{
+    Arc,
+    atomic::{AtomicU64, Ordering},
+};
 use std::task::{Context, Poll};
 
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc::UnboundedReceiver;
 use tokio::time::{Duration, Instant};
 
-use super::body::{Body, Runtime, Safety, TICK_NS};
+use super::body::{Body, Runtime, TICK_NS};
 use super::clock::SimClock;
+use super::config::SimUrConfig;
 use super::dashboard::DashboardClient;
-use super::handle::Order;
+use super::handle::{Order, Ordered};
 use super::inputs::ClientId;
 use super::link::Link;
+use super::network::Network;
 use super::outputs::Snapshot;
 use super::pacing::{Due, Pacer};
 use super::primary;
@@ -26,6 +34,7 @@ use super::script_client::ScriptClient;
 use super::truth::Truth;
 use super::urscript::{Program, Slice};
 use crate::devices::rtde::TextLevel;
+use injection::Schedule;
 
 /// Cycles between two states of the primary interface: 10 Hz.
 const STATE_TICKS: u64 = 50;
@@ -58,7 +67,7 @@ pub(super) struct Server {
     clock: SimClock,
     truth: Truth,
     listeners: Vec<(Interface, TcpListener)>,
-    orders: UnboundedReceiver<Order>,
+    orders: UnboundedReceiver<Ordered>,
     rtde: Vec<RtdeClient>,
     scripts: Vec<ScriptClient>,
     dashboards: Vec<DashboardClient>,
@@ -67,31 +76,45 @@ pub(super) struct Server {
     settling: bool,
     pacer: Pacer,
     time_runs: bool,
-    mute: bool,
+    /// What was configured, for healing.
+    healthy: SimUrConfig,
+    network: Network,
+    schedule: Schedule,
+    /// A program that somebody else started.
+    foreign: bool,
+    /// Something happened that the clients must see before time rushes on.
+    disturbed: bool,
+    /// RTDE connections so far.
     clients: ClientId,
+    motions_begun: Arc<AtomicU64>,
+}
+
+/// What the server shares with whoever started it.
+pub(super) struct Shared {
+    pub(super) clock: SimClock,
+    pub(super) truth: Truth,
+    pub(super) orders: UnboundedReceiver<Ordered>,
+    pub(super) motions_begun: Arc<AtomicU64>,
 }
 
 /// What came in while waiting.
 #[derive(Default)]
 struct Arrived {
     streams: Vec<(Interface, TcpStream)>,
-    orders: Vec<Order>,
+    orders: Vec<Ordered>,
     ended: bool,
 }
 
 impl Server {
     /// Must be called inside the runtime that will run it.
-    pub(super) fn new(
-        body: Body,
-        clock: SimClock,
-        truth: Truth,
-        listeners: Vec<(Interface, StdListener)>,
-        orders: UnboundedReceiver<Order>,
-    ) -> std::io::Result<Self> {
+    pub(super) fn new(body: Body, shared: Shared, listeners: Vec<(Interface, StdListener)>) -> std::io::Result<Self> {
+        let Shared { clock, truth, orders, motions_begun } = shared;
+        let (healthy, network) = (body.config.clone(), Network::new(body.seed));
         let listeners: std::io::Result<Vec<_>> =
             listeners.into_iter().map(|(i, l)| TcpListener::from_std(l).map(|l| (i, l))).collect();
-        truth.push(0.0, body.motion.true_joints());
-        Ok(Self {
+        truth.push(body.now_s(), body.motion.true_joints());
+        clock.set_ns(body.now_ns());
+        let mut server = Self {
             body: Rc::new(RefCell::new(body)),
             clock,
             truth,
@@ -104,9 +127,16 @@ impl Server {
             settling: false,
             pacer: Pacer::default(),
             time_runs: false,
-            mute: false,
+            schedule: Schedule::new(&healthy.faults),
+            healthy,
+            network,
+            foreign: false,
+            disturbed: false,
             clients: 0,
-        })
+            motions_begun,
+        };
+        server.apply_due();
+        Ok(server)
     }
 
     /// Serves until the controller is dropped.
@@ -154,11 +184,11 @@ impl Server {
         while let Poll::Ready(order) = self.orders.poll_recv(cx) {
             ready = true;
             match order {
-                None | Some(Order::ShutDown) => {
+                None | Some(Ordered { order: Order::ShutDown, .. }) => {
                     arrived.ended = true;
                     break;
                 }
-                Some(order) => arrived.orders.push(order),
+                Some(ordered) => arrived.orders.push(ordered),
             }
         }
         for link in self.links() {
@@ -169,16 +199,18 @@ impl Server {
 
     fn links(&self) -> impl Iterator<Item = &Link> {
         let scripts = self.scripts.iter().map(|c| &c.link);
-        scripts.chain(self.dashboards.iter().map(|c| &c.link)).chain(self.rtde.iter().map(|c| &c.link))
+        scripts.chain(self.dashboards.iter().map(|c| &c.link)).chain(self.rtde.iter().map(|c| &c.wire.link))
     }
 
-    /// Orders first, then scripts, then the dashboard, then RTDE, whose answers let time go on.
+    /// New clients first, then orders, then scripts, then the dashboard, then RTDE, whose answers let time go on.
     fn serve(&mut self, arrived: Arrived) {
         for (interface, stream) in arrived.streams {
-            self.welcome(interface, Link::new(stream));
+            self.welcome(interface, stream);
         }
-        for order in arrived.orders {
+        for Ordered { order, done } in arrived.orders {
             self.obey(order);
+            // Whoever ordered it may have given up waiting.
+            let _ = done.send(());
         }
         let programs: Vec<String> = self.scripts.iter_mut().flat_map(ScriptClient::serve).collect();
         for text in programs {
@@ -190,19 +222,25 @@ impl Server {
             self.stop_program();
         }
         for client in &mut self.rtde {
-            client.serve(&mut body.borrow_mut());
+            client.serve(&mut body.borrow_mut(), &self.network);
             self.time_runs |= client.is_started();
         }
         self.send_texts();
         self.forget_closed();
     }
 
-    fn welcome(&mut self, interface: Interface, link: Link) {
+    fn welcome(&mut self, interface: Interface, stream: TcpStream) {
+        if self.network.refuses {
+            return;
+        }
+        let mut link = Link::new(stream);
+        link.stall(self.network.is_stalled);
         let greeting = || primary::greeting(&self.body.borrow(), &self.truth.individual().believed);
         match interface {
             Interface::Rtde if self.rtde.len() < MAX_CLIENTS => {
                 self.clients += 1;
                 self.rtde.push(RtdeClient::new(self.clients, link));
+                self.apply_due();
             }
             Interface::Primary | Interface::Secondary if self.scripts.len() < MAX_CLIENTS => {
                 self.scripts.push(ScriptClient::new(link, Some(&greeting())));
@@ -227,50 +265,17 @@ impl Server {
         self.dashboards.retain(|c| c.link.is_open());
         let mut body = self.body.borrow_mut();
         self.rtde.retain(|client| {
-            if !client.link.is_open() {
+            if !client.is_open() {
                 body.inputs.release(client.id);
             }
-            client.link.is_open()
+            client.is_open()
         });
     }
 
     fn send_texts(&mut self) {
         let texts = self.body.borrow_mut().take_texts();
         for text in &texts {
-            self.rtde.iter_mut().for_each(|client| client.send_text(text));
-        }
-    }
-
-    fn obey(&mut self, order: Order) {
-        let body = self.body.clone();
-        let mut body = body.borrow_mut();
-        match order {
-            Order::ProtectiveStop => body.protective_stop("ordered by the test"),
-            Order::EmergencyStop => {
-                (body.safety, body.powered) = (Safety::EmergencyStop, false);
-                let deceleration = body.config.safety_stop_rad_s2;
-                body.motion.stop(deceleration);
-            }
-            Order::PowerOff => body.powered = false,
-            Order::Recover => (body.safety, body.powered) = (Safety::Normal, true),
-            Order::Pause => body.pause_program(),
-            Order::Resume => body.resume_program(),
-            Order::DigitalInput(bit, true) => body.digital_inputs |= 1 << bit.min(63),
-            Order::DigitalInput(bit, false) => body.digital_inputs &= !(1 << bit.min(63)),
-            Order::SpeedFraction(fraction) => body.config.speed_fraction = fraction,
-            Order::ShutDown => {}
-            Order::Mute(mute) => self.mute = mute,
-            Order::Inject(bytes) => self.rtde.iter_mut().for_each(|client| client.link.send(&bytes)),
-            Order::DropConnections => {
-                self.rtde.iter_mut().for_each(|c| c.link.close());
-                self.scripts.iter_mut().for_each(|c| c.link.close());
-                self.dashboards.iter_mut().for_each(|c| c.link.close());
-            }
-        }
-        let stop = !body.powered;
-        drop(body);
-        if stop {
-            self.stop_program();
+            self.rtde.iter_mut().for_each(|client| client.send_text(text, &self.network));
         }
     }
 
@@ -283,14 +288,14 @@ impl Server {
             Ok(program) => {
                 body.program_ended();
                 body.runtime = Runtime::Playing;
-                (self.program, self.settling, self.time_runs) = (Some(program), true, true);
+                (self.program, self.settling, self.time_runs, self.foreign) = (Some(program), true, true, false);
             }
             Err(why) => body.say(TextLevel::Exception, format!("compile error: {why}")),
         }
     }
 
     fn stop_program(&mut self) {
-        self.program = None;
+        (self.program, self.foreign) = (None, false);
         self.body.borrow_mut().program_ended();
     }
 
@@ -315,18 +320,13 @@ impl Server {
     /// Until when the loop waits for a driving client; those that took too long are given up.
     fn lock_step_deadline(&mut self, now: Instant) -> Option<Instant> {
         let patience = self.body.borrow().config.lock_step_patience;
-        for client in &mut self.rtde {
-            let late = client.awaiting_since().is_some_and(|since| now.saturating_duration_since(since) >= patience);
-            if late {
-                client.lose_patience();
-            }
-        }
-        self.rtde.iter().filter_map(RtdeClient::awaiting_since).min().map(|since| since + patience)
+        self.rtde.iter_mut().for_each(|client| client.expire(now, patience));
+        self.rtde.iter().filter_map(|client| client.awaited_until(patience)).min()
     }
 
-    /// Simulated seconds per real second: as configured while a client drives, else 1.
+    /// Simulated seconds per real second: as configured while a client drives and is reached, else 1.
     fn scale(&self) -> f64 {
-        let driven = self.rtde.iter().any(RtdeClient::drives);
+        let driven = self.rtde.iter().any(RtdeClient::drives) && !self.network.is_silent();
         if driven { self.body.borrow().config.time_scale } else { 1.0 }
     }
 
@@ -334,19 +334,23 @@ impl Server {
     fn run_ticks(&mut self, count: u64) {
         for _ in 0..count {
             self.tick();
-            if self.rtde.iter().any(|c| c.awaiting_since().is_some()) {
+            if std::mem::take(&mut self.disturbed) || self.rtde.iter().any(RtdeClient::is_awaited) {
                 break;
             }
         }
     }
 
     fn tick(&mut self) {
+        self.network.tick = Some(self.body.borrow().tick);
+        self.apply_due();
         self.run_program();
         let late = self.body.borrow_mut().watchdogs_stop();
         if late {
             self.stop_program();
         }
         self.body.borrow_mut().tick_drives();
+        self.network.tick = Some(self.body.borrow().tick);
+        self.motions_begun.store(self.body.borrow().motion.begun(), Ordering::Release);
         self.send_texts();
         self.report();
     }
@@ -357,13 +361,14 @@ impl Server {
         self.truth.push(body.now_s(), body.motion.true_joints());
         self.clock.set_ns(body.now_ns());
         let body = &*body;
-        if !self.mute && self.rtde.iter().any(|c| c.is_due(body.tick)) {
+        if !self.network.is_mute && self.rtde.iter().any(|c| c.is_due(body.tick)) {
             let snapshot = Snapshot::take(body);
             for client in self.rtde.iter_mut().filter(|c| c.is_due(body.tick)) {
-                client.send_outputs(body, &snapshot);
+                client.send_outputs(body, &snapshot, &self.network);
             }
         }
-        if !self.mute && body.tick.is_multiple_of(STATE_TICKS) && !self.scripts.is_empty() {
+        self.rtde.iter_mut().for_each(|client| client.deliver(&self.network));
+        if !self.network.is_mute && body.tick.is_multiple_of(STATE_TICKS) && !self.scripts.is_empty() {
             let state = primary::state(body, &self.truth.individual().believed);
             self.scripts.iter_mut().for_each(|client| client.send_state(&state));
         }

@@ -1,5 +1,10 @@
 //! The driver against the simulated controller, over sockets.
 
+mod hostile;
+mod network_faults;
+mod raw;
+mod robot_faults;
+
 use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
 use std::sync::Arc;
@@ -324,7 +329,7 @@ fn local_control_and_missing_ports_are_told() {
     assert!(matches!(error, RobotError::Unreachable { .. }), "{error}");
 }
 
-fn raw(sim: &SimController, port: u16) -> TcpStream {
+fn raw_stream(sim: &SimController, port: u16) -> TcpStream {
     let stream = TcpStream::connect(SocketAddr::new(sim.address(), port)).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
     stream
@@ -336,7 +341,7 @@ fn garbage_does_not_kill_the_controller() {
     let ports = sim.ports();
     for port in [ports.rtde, ports.primary, ports.secondary, ports.realtime, ports.dashboard] {
         for garbage in [vec![0; 100], vec![0xff; 100_000], b"\0\x0b\x49\xff\xff\xff\xff\n(((((\n\"\n".to_vec()] {
-            let mut stream = raw(&sim, port);
+            let mut stream = raw_stream(&sim, port);
             let _ = stream.write_all(&garbage);
         }
     }
@@ -348,7 +353,7 @@ fn garbage_does_not_kill_the_controller() {
 fn not_a_number_is_not_taken_as_an_input() {
     use crate::devices::rtde::{Answer, DataType, Framer, Recipe, Request, Value};
     let sim = simulator(SimUrConfig::default(), 12);
-    let mut stream = raw(&sim, sim.ports().rtde);
+    let mut stream = raw_stream(&sim, sim.ports().rtde);
     let name = || vec!["input_double_register_24".to_owned()];
     for request in [Request::ProtocolVersion(2), Request::SetupInputs { names: name() }] {
         stream.write_all(&request.to_bytes().unwrap()).unwrap();
@@ -383,7 +388,7 @@ fn not_a_number_is_not_taken_as_an_input() {
 fn an_unknown_function_aborts_the_program_with_a_text() {
     let sim = simulator(SimUrConfig::default(), 13);
     let mut robot = connect(&sim);
-    let mut script = raw(&sim, sim.ports().realtime);
+    let mut script = raw_stream(&sim, sim.ports().realtime);
     for piece in ["def broken():\n  sleep(0", ".02)\n  servo_to_the_moon()\n", "end", "\n"] {
         script.write_all(piece.as_bytes()).unwrap();
     }

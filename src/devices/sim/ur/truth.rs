@@ -3,22 +3,26 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::config::Individual;
-use crate::geometry::{Base, Flange, Transform, kinematics::Joints};
+use super::config::{Individual, SimUrConfig};
+use super::motion::TICK_S;
+use crate::geometry::{Base, Flange, Tcp, Transform, kinematics::Joints};
 
-/// Simulated time that is kept, s.
-const KEPT_S: f64 = 10.0;
+/// Two cycles of the controller: what may lie between the end of an interval and the nearest known time, s.
+const GAP_S: f64 = 2.0 * TICK_S;
 
 /// The recent true poses; cheap to clone, shared with the controller.
 #[derive(Debug, Clone)]
 pub struct Truth {
     individual: Individual,
+    flange_from_tcp: Transform<Flange, Tcp>,
+    kept_s: f64,
     log: Arc<Mutex<VecDeque<(f64, Joints)>>>,
 }
 
 impl Truth {
-    pub(super) fn new(individual: Individual) -> Self {
-        Self { individual, log: Arc::default() }
+    pub(super) fn new(individual: Individual, config: &SimUrConfig) -> Self {
+        let flange_from_tcp = Transform::from_pose_vector(config.tcp_offset);
+        Self { individual, flange_from_tcp, kept_s: config.truth_kept_s, log: Arc::default() }
     }
 
     /// The arm that was drawn.
@@ -28,9 +32,37 @@ impl Truth {
 
     /// True pose of the flange at a simulated time, seconds of [`super::SimClock`].
     ///
-    /// Interpolated between ticks of 2 ms. `None` before the last 10 s and after now.
+    /// Interpolated between ticks of 2 ms. `None` before the time that is kept (`SimUrConfig::truth_kept_s`) and after now.
     pub fn base_from_flange_at(&self, sim_time_s: f64) -> Option<Transform<Base, Flange>> {
         self.joints_at(sim_time_s).map(|joints| self.individual.truth.forward(&joints))
+    }
+
+    /// When the arm truly moved faster than these limits for the last time between two simulated times, s.
+    ///
+    /// Speeds are differences between cycles of 2 ms, with the ringing after a stop: of the fastest joint, and of
+    /// the origin of the configured TCP. `None` if it never did; the end of the interval where a part of it is not
+    /// known (not kept any more, or still to come), so that the unknown does not count as still.
+    pub fn last_above(&self, joint_speed_rad_s: f64, tcp_speed_m_s: f64, from_s: f64, to_s: f64) -> Option<f64> {
+        let known: Vec<_> = self.lock().iter().filter(|(at, _)| *at >= from_s && *at <= to_s).copied().collect();
+        let covered = match known.as_slice() {
+            [(first_s, _), .., (last_s, _)] => first_s - from_s <= GAP_S && to_s - last_s <= GAP_S,
+            _ => false,
+        };
+        if !covered {
+            return Some(to_s);
+        }
+        let tcp = |joints: &Joints| (self.individual.truth.forward(joints) * self.flange_from_tcp).translation_m();
+        let slow = |step: &&[(f64, Joints)]| {
+            let [(before_s, before), (after_s, after)] = step else { return false };
+            let step_s = after_s - before_s;
+            let joints_slow = before.iter().zip(after).all(|(b, a)| (a - b).abs() / step_s <= joint_speed_rad_s);
+            joints_slow && {
+                let (b, a) = (tcp(before), tcp(after));
+                let moved_m = (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt();
+                moved_m / step_s <= tcp_speed_m_s
+            }
+        };
+        known.windows(2).rfind(|step| !slow(step)).and_then(|step| step.last()).map(|(at_s, _)| *at_s)
     }
 
     /// Newest simulated time that is known, s.
@@ -52,7 +84,7 @@ impl Truth {
 
     pub(super) fn push(&self, at_s: f64, true_joints_rad: Joints) {
         let mut log = self.lock();
-        while log.front().is_some_and(|(first_s, _)| at_s - first_s > KEPT_S) {
+        while log.front().is_some_and(|(first_s, _)| at_s - first_s > self.kept_s) {
             log.pop_front();
         }
         log.push_back((at_s, true_joints_rad));

@@ -1,10 +1,16 @@
 //! The serial chain of an arm, from a URDF or from the controller's Denavit-Hartenberg parameters.
 //!
-//! Forward kinematics, and an inverse by damped least squares from a seed, for planning.
+//! Forward kinematics, an inverse by damped least squares from a seed, and the links as capsules, for planning.
+
+mod dh;
+mod outline;
 
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 
-use super::{Base, Flange, Transform, rotation};
+use super::{Base, Capsule, Flange, Transform, rotation};
+
+pub use dh::Dh;
+pub use outline::{Link, Outline};
 
 /// Six joint positions, radians.
 pub type Joints = [f64; 6];
@@ -31,19 +37,6 @@ pub struct Arm {
     pub joints: [Joint; 6],
     /// Flange in the frame of the last joint.
     pub flange: Isometry3<f64>,
-}
-
-/// Standard Denavit-Hartenberg parameters of six joints, as the controller reports them.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Dh {
-    /// Joint offsets, radians.
-    pub theta_rad: [f64; 6],
-    /// Link lengths, metres.
-    pub a_m: [f64; 6],
-    /// Link offsets, metres.
-    pub d_m: [f64; 6],
-    /// Link twists, radians.
-    pub alpha_rad: [f64; 6],
 }
 
 /// Why a robot model cannot be used.
@@ -79,53 +72,7 @@ pub const UR_JOINTS: [&str; 6] =
     ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"];
 
 /// The URDF of a nominal UR5e, written from its published DH parameters.
-pub const UR5E_URDF: &str = include_str!("ur5e.urdf");
-
-impl Dh {
-    /// The nominal UR5e.
-    pub const UR5E: Self = Self {
-        theta_rad: [0.0; 6],
-        a_m: [0.0, -0.425, -0.3922, 0.0, 0.0, 0.0],
-        d_m: [0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996],
-        alpha_rad: [
-            std::f64::consts::FRAC_PI_2,
-            0.0,
-            0.0,
-            std::f64::consts::FRAC_PI_2,
-            -std::f64::consts::FRAC_PI_2,
-            0.0,
-        ],
-    };
-
-    /// `base_from_flange` at these joint positions: the product of Rz(q + theta) Tz(d) Tx(a) Rx(alpha).
-    pub fn forward(&self, joints_rad: &Joints) -> Transform<Base, Flange> {
-        let links = (0..6).map(|i| rotation_z(joints_rad[i]) * self.link(i));
-        Transform::assume_frames(links.fold(Isometry3::identity(), |sum, link| sum * link))
-    }
-
-    fn link(&self, i: usize) -> Isometry3<f64> {
-        rotation_z(self.theta_rad[i])
-            * Isometry3::from_parts(
-                Translation3::new(self.a_m[i], 0.0, self.d_m[i]),
-                UnitQuaternion::from_axis_angle(&Vector3::x_axis(), self.alpha_rad[i]),
-            )
-    }
-
-    /// The same arm as a chain of joints with the limits of `like`.
-    pub fn arm(&self, like: &Arm) -> Arm {
-        let mut arm = like.clone();
-        for i in 0..6 {
-            arm.joints[i].origin = if i == 0 { Isometry3::identity() } else { self.link(i - 1) };
-            arm.joints[i].axis = Vector3::z();
-        }
-        arm.flange = self.link(5);
-        arm
-    }
-}
-
-fn rotation_z(angle_rad: f64) -> Isometry3<f64> {
-    Isometry3::from_parts(Translation3::identity(), UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle_rad))
-}
+pub const UR5E_URDF: &str = include_str!("../ur5e.urdf");
 
 impl Arm {
     /// Reads the chain from link `base` to link `flange` of a URDF.
@@ -184,6 +131,11 @@ impl Arm {
             sum = sum * joint.origin * Isometry3::from_parts(Translation3::identity(), turn);
             sum
         })
+    }
+
+    /// The links at these joint positions, as named capsules that hold the real arm; see [`Outline`].
+    pub fn link_capsules(&self, joints_rad: &Joints) -> Vec<(&'static str, Capsule)> {
+        Outline::of(self).capsules(joints_rad)
     }
 
     /// Joint positions that bring the flange to `base_from_flange`, starting from `seed_rad`.
@@ -274,8 +226,18 @@ fn revolute(joint: &urdf_rs::Joint, origin: Isometry3<f64>) -> Joint {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+
+    /// Joint positions all over the range, the same every time.
+    pub(crate) fn some_joints(count: usize) -> Vec<Joints> {
+        let mut state = 7_u64;
+        let mut next = move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 11) as f64 / (1_u64 << 52) as f64 - 1.0) * std::f64::consts::PI
+        };
+        (0..count).map(|_| std::array::from_fn(|_| next())).collect()
+    }
 
     const POSES: [Joints; 3] = [[0.0; 6], [0.3, -1.2, 1.4, -1.7, -1.5, 0.2], [-1.4, -1.9, 2.1, 0.4, 1.2, -2.9]];
 

@@ -1,0 +1,143 @@
+//! `cellcal resume`: goes on with a session that ended early.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::exit::UsageError;
+use super::progress::say;
+use super::run::{close, free_name, solve, time_scale};
+use super::session::{AtTerminal, Steps, interrupts, open, tell};
+use super::{Exit, cell, rehearsal};
+use crate::devices::sim::cell::SimStart;
+use crate::recording::{Attachment, Entry, Kind, Recording, Writer};
+use crate::runner::setup::{CellTexts, MachineSpec, Planned, RunOptions};
+
+use crate::runner::{self, Live, Past, Told};
+use crate::session::{self, Input, Machine as _, Stamp};
+
+/// From the last input of the old part to the first of the new one, ns.
+const PAUSE_NS: u64 = 1_000_000_000;
+
+/// Goes on with a session that ended early: pre-flight again, back along the way at slow speed, then the
+/// missing poses only. Writes a new file that holds both parts.
+#[derive(Debug, Args)]
+pub(super) struct Resume {
+    /// A session written by `run`, also one that was cut (`.partial`).
+    session: PathBuf,
+    /// Refuses to go on if this cell file is not the one that the session was begun with.
+    #[arg(long)]
+    cell: Option<PathBuf>,
+    /// Nobody is there: no question is asked.
+    #[arg(long)]
+    unattended: bool,
+    /// Simulated seconds a real second, or `max`; only for a simulated robot. Default: 1.
+    #[arg(long, value_parser = time_scale)]
+    time_scale: Option<f64>,
+    /// Prints exactly the bytes of result.json.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Resume {
+    pub(super) fn execute(self) -> anyhow::Result<Exit> {
+        let recording = Recording::open(&self.session)?;
+        let refuse = |why: String| UsageError(format!("{}: {why}", self.session.display()));
+        if recording.about.kind != Kind::Live {
+            return Err(refuse("an imported session cannot be resumed".into()).into());
+        }
+        let texts = CellTexts::of_recording(&recording)?;
+        self.refuse_other_cell(&texts)?;
+        let options = RunOptions::of_facts(&recording.about.facts);
+        let Planned { cell, plan, setup } = texts.plan_with(&options)?;
+        let mut about = recording.about.clone();
+        about.facts.insert("resumed_from_session".into(), about.session_id.clone());
+        let seed = about.facts.get("sim_seed").and_then(|s| s.parse().ok());
+        let MachineSpec::Live { route, limits, expected, options: how, load } = setup.machine.clone() else {
+            return Err(refuse("an imported session cannot be resumed".into()).into());
+        };
+        let mut machine = session::Live::new(*route, limits, *expected, how, load);
+        let stood = last_joints(&recording);
+        let path = self.new_name()?;
+        let mut writer = Writer::create(&path, &about, &attachments(&recording))?;
+        let mut past = Past::new(recording, &mut writer);
+        let copied = runner::drive(&mut machine, &mut past);
+        let last = past.last();
+        if let Err(error) = copied {
+            drop(writer);
+            remove_partial(&path);
+            return Err(error.into());
+        }
+        let missing = machine.missing();
+        if missing == 0 {
+            drop(writer);
+            remove_partial(&path);
+            return Err(refuse("no pose is missing; `cellcal replay` solves it".into()).into());
+        }
+        say(&format!("{missing} of {} poses are missing", plan.poses.len()));
+        let first = Stamp(last.0.saturating_add(PAUSE_NS));
+        let start = SimStart { first, joints_rad: stood, ..SimStart::default() };
+        let bench = match open(&self.session, &cell, &options, seed, self.time_scale, start) {
+            Ok(bench) => bench,
+            Err(error) => {
+                drop(writer);
+                remove_partial(&path);
+                return Err(error);
+            }
+        };
+        let mut operator = AtTerminal::new(self.unattended);
+        let mut steps = Steps::new(&plan);
+        let mut hear = |told: Told<'_>| steps.hear(told);
+        let timing = (cell.images_per_pose, setup.image_period_s);
+        let mut live = Live::new(bench.devices, writer, timing, interrupts()?, &mut operator, &mut hear)?.resumed();
+        let driven = runner::drive(&mut machine, &mut live).map(|()| machine.into_outcome());
+        let (outcome, path) = close(driven, live)?;
+        tell(&outcome.end, &path);
+        say(&format!("recorded: {}", path.display()));
+        let noted = !steps.notes.is_empty();
+        if options.rehearsal {
+            return rehearsal::finish(&outcome, &plan, self.json, noted);
+        }
+        solve(&path, self.json, noted)
+    }
+
+    fn refuse_other_cell(&self, texts: &CellTexts) -> anyhow::Result<()> {
+        let Some(path) = &self.cell else { return Ok(()) };
+        let now = cell::load(path)?;
+        let same = now.cell.1 == texts.cell.1
+            && now.trajectories.iter().map(|t| &t.1).eq(texts.trajectories.iter().map(|t| &t.1));
+        if same {
+            return Ok(());
+        }
+        let why = "it or a trajectory has changed since the session began; begin a new session";
+        Err(UsageError(format!("{}: {why}", path.display())).into())
+    }
+
+    /// Beside the old one, which is kept.
+    fn new_name(&self) -> anyhow::Result<PathBuf> {
+        let name = self.session.file_name().and_then(|n| n.to_str()).unwrap_or("session");
+        let stem = name.split_once(".mcap").map_or(name, |(stem, _)| stem);
+        let folder = self.session.parent().unwrap_or(Path::new(""));
+        free_name(folder, &format!("{stem}-resumed"))
+    }
+}
+
+/// The session goes on under its own name: everything that belonged to it still does.
+fn attachments(recording: &Recording) -> Vec<Attachment> {
+    let names: Vec<String> = recording.attachment_names().map(str::to_owned).collect();
+    let text = |name: &String| recording.text(name).ok().map(|t| t.as_bytes().to_vec());
+    names.iter().filter_map(|name| Some(Attachment { name: name.clone(), data: text(name)? })).collect()
+}
+
+/// Where the arm stood last.
+fn last_joints(recording: &Recording) -> Option<[f64; 6]> {
+    recording.entries.iter().rev().find_map(|entry| match entry {
+        Entry::Input(_, Input::Robot(sample)) => Some(sample.target_joints_rad),
+        _ => None,
+    })
+}
+
+fn remove_partial(path: &Path) {
+    // It holds nothing that the old file does not hold.
+    let _ = std::fs::remove_file(path.with_extension("mcap.partial"));
+}

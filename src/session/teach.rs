@@ -1,0 +1,509 @@
+//! Poses shown with the arm itself: what may be taken as one, and when.
+//!
+//! Samples and key presses go in, taught poses come out. The arm is moved by hand (freedrive) or with the
+//! pendant, so there is no target to compare with: it stands still by what is measured alone, under the
+//! limits of [`super::stillness`]. Start at [`Teacher`].
+
+use std::collections::{BTreeSet, VecDeque};
+use std::f64::consts::TAU;
+
+use nalgebra::Vector3;
+
+use super::modes::robot_mode_name;
+use super::stillness::History;
+use super::types::{RobotSample, Stamp};
+use crate::config::{Stillness as Limits, TaughtPose, is_name};
+use crate::geometry::{Base, Flange, Tcp, Transform, kinematics::Joints};
+
+/// Robot modes in which the joints are measured: idle, backdrive, running.
+const MEASURED_MODES: std::ops::RangeInclusive<i32> = 5..=7;
+/// Two poses that are nearer than this in both are one too many, m and rad.
+const NEAR: (f64, f64) = (5e-3, 1.0 * std::f64::consts::PI / 180.0);
+/// A TCP that differs by more than this has been changed, m and rad.
+const SAME_TCP: (f64, f64) = (1e-5, 1e-4);
+
+/// How the arm stands.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Light {
+    /// Something moves now.
+    Moving {
+        /// What, in words.
+        why: String,
+    },
+    /// Nothing moves, but not for long enough.
+    Settling {
+        /// For so long, s.
+        still_s: f64,
+        /// What the limits ask for, s.
+        of_s: f64,
+        /// What broke the window last, in words; absent where samples are only too few as yet.
+        why: Option<String>,
+    },
+    /// Still for the whole window.
+    Still,
+}
+
+impl std::fmt::Display for Light {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Moving { why } => write!(f, "moving: {why}"),
+            Self::Settling { still_s, of_s, why: None } => write!(f, "settling {still_s:.2} of {of_s:.2} s"),
+            Self::Settling { still_s, of_s, why: Some(why) } => {
+                write!(f, "settling {still_s:.2} of {of_s:.2} s, before that {why}")
+            }
+            Self::Still => f.write_str("still"),
+        }
+    }
+}
+
+/// Why a pose is not taken.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum TeachError {
+    /// The arm moves, or has only just come to rest.
+    #[error("the arm does not stand still: {light}; let go of it and wait for `still`")]
+    NotStill {
+        /// How it stands.
+        light: Light,
+    },
+    /// The joints are not measured.
+    #[error("the robot mode is {mode}, in which joint positions are not measured; power the arm on")]
+    NotMeasured {
+        /// Name of the robot mode.
+        mode: String,
+    },
+    /// The name cannot be an id.
+    #[error("{name:?} cannot be the name of a pose: use 1 to 64 letters, digits, - and _")]
+    Name {
+        /// As given.
+        name: String,
+    },
+    /// The name is taken.
+    #[error("there is a pose `{name}` already; use another name")]
+    Doubled {
+        /// As given.
+        name: String,
+    },
+    /// The active TCP is another one than at the first pose.
+    #[error(
+        "the active TCP differs by {apart_mm:.3} mm and {apart_deg:.3} deg from the one at the first pose; \
+         set it back on the pendant, or begin a new file"
+    )]
+    TcpChanged {
+        /// Distance, mm.
+        apart_mm: f64,
+        /// Angle, degrees.
+        apart_deg: f64,
+    },
+    /// A joint is where trajectory files end.
+    #[error("joint {joint} is at {at_deg:.1} deg, outside -360 to 360 deg; turn it back")]
+    BeyondTurn {
+        /// Which one, from 1.
+        joint: usize,
+        /// Its position, degrees.
+        at_deg: f64,
+    },
+}
+
+/// What others know about poses.
+#[derive(Clone, Copy)]
+pub struct Advice<'a> {
+    /// Whether arm, tool and load are clear of what is around at these joint positions; the error says what
+    /// is not.
+    pub is_clear: &'a dyn Fn(&Joints) -> Result<(), String>,
+    /// A sentence on what poses to add; absent where there is nothing to say.
+    pub hint: &'a dyn Fn(&[Transform<Base, Tcp>]) -> Option<String>,
+}
+
+/// What came of a pose that was taken.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Taken {
+    /// The pose.
+    pub pose: TaughtPose,
+    /// What speaks against it, in words.
+    pub warnings: Vec<String>,
+    /// What poses to add.
+    pub hint: Option<String>,
+}
+
+/// Collects poses from the samples of an arm that somebody else moves.
+#[derive(Debug)]
+pub struct Teacher {
+    limits: Limits,
+    joint_limits_rad: [[f64; 2]; 6],
+    /// Ids that poses may not have.
+    ids: BTreeSet<String>,
+    /// The window, and the newest sample before it.
+    window: VecDeque<(Stamp, RobotSample)>,
+    poses: Vec<TaughtPose>,
+    /// The active TCP at the first pose.
+    tcp_offset: Option<Transform<Flange, Tcp>>,
+}
+
+impl Teacher {
+    /// Nothing taught yet. `ids` are those of other poses in the file; outside `joint_limits_rad` a pose is
+    /// worth a warning.
+    pub fn new(limits: Limits, joint_limits_rad: [[f64; 2]; 6], ids: BTreeSet<String>) -> Self {
+        Self { limits, joint_limits_rad, ids, window: VecDeque::new(), poses: Vec::new(), tcp_offset: None }
+    }
+
+    /// Takes note of what the controller reports.
+    pub fn sample(&mut self, at: Stamp, sample: &RobotSample) {
+        self.window.push_back((at, sample.clone()));
+        let from_s = at.seconds() - self.limits.window_s;
+        while self.window.get(1).is_some_and(|(second, _)| second.seconds() <= from_s) {
+            self.window.pop_front();
+        }
+    }
+
+    /// What has been taught, in order.
+    pub fn poses(&self) -> &[TaughtPose] {
+        &self.poses
+    }
+
+    /// How the arm stands now.
+    pub fn light(&self) -> Light {
+        let Some((last, newest)) = self.window.back() else {
+            return Light::Moving { why: "no sample has come yet".into() };
+        };
+        if let Some(why) = unrest(newest, &self.limits) {
+            return Light::Moving { why };
+        }
+        let from_s = last.seconds() - self.limits.window_s;
+        let mut calm = Calm { since: *last, samples: 0, range: newest.joints_rad.map(|q| [q, q]) };
+        let settling = |calm: &Calm, why| {
+            let still_s = last.seconds() - calm.since.seconds();
+            Light::Settling { still_s, of_s: self.limits.window_s, why }
+        };
+        // Half a nanosecond of slack: stamps are whole nanoseconds.
+        for (at, sample) in self.window.iter().rev().take_while(|(at, _)| at.seconds() >= from_s - 5e-10) {
+            if let Err(why) = calm.extend(*at, sample, newest, &self.limits) {
+                return settling(&calm, Some(why));
+            }
+        }
+        let covered = self.window.front().is_some_and(|(first, _)| first.seconds() <= from_s);
+        if !covered {
+            return settling(&calm, None);
+        }
+        let (found, wanted) = (calm.samples, self.limits.min_samples as usize);
+        if found < wanted {
+            return settling(&calm, Some(format!("only {found} samples came, {wanted} are needed")));
+        }
+        let gap_s = calm.since.seconds() - from_s;
+        let seen = gap_s <= self.limits.max_gap_s;
+        if seen { Light::Still } else { settling(&calm, Some(gap(gap_s))) }
+    }
+
+    /// Takes where the arm stands as the next pose; without a name it becomes `p01`, `p02` and so on.
+    pub fn take(&mut self, name: Option<&str>, advice: Advice<'_>) -> Result<Taken, TeachError> {
+        let light = self.light();
+        let (Light::Still, Some((_, newest))) = (&light, self.window.back()) else {
+            return Err(TeachError::NotStill { light });
+        };
+        if !MEASURED_MODES.contains(&newest.robot_mode) {
+            return Err(TeachError::NotMeasured { mode: robot_mode_name(newest.robot_mode) });
+        }
+        let tcp_offset = Transform::from_pose_vector(newest.tcp_offset);
+        self.check_tcp(&tcp_offset)?;
+        let name = self.name(name)?;
+        let Some((joints_rad, base_from_tcp)) = self.mean() else { return Err(TeachError::NotStill { light }) };
+        let inside = |q: &f64| q.abs() <= TAU;
+        if let Some(joint) = joints_rad.iter().position(|q| !inside(q)) {
+            return Err(TeachError::BeyondTurn { joint: joint + 1, at_deg: joints_rad[joint].to_degrees() });
+        }
+        let pose = TaughtPose { name, joints_rad, base_from_tcp };
+        let warnings = self.warnings(&pose, advice);
+        self.tcp_offset.get_or_insert(tcp_offset);
+        self.poses.push(pose.clone());
+        let taught: Vec<_> = self.poses.iter().map(|p| p.base_from_tcp).collect();
+        Ok(Taken { pose, warnings, hint: (advice.hint)(&taught) })
+    }
+
+    /// Forgets the last pose and returns it.
+    pub fn undo(&mut self) -> Option<TaughtPose> {
+        let last = self.poses.pop();
+        if self.poses.is_empty() {
+            self.tcp_offset = None;
+        }
+        last
+    }
+
+    fn check_tcp(&self, now: &Transform<Flange, Tcp>) -> Result<(), TeachError> {
+        let Some(first) = &self.tcp_offset else { return Ok(()) };
+        let (metres, radians) = (first.distance_to_m(now), first.angle_to_rad(now));
+        let same = metres <= SAME_TCP.0 && radians <= SAME_TCP.1;
+        if same {
+            return Ok(());
+        }
+        Err(TeachError::TcpChanged { apart_mm: metres * 1e3, apart_deg: radians.to_degrees() })
+    }
+
+    fn name(&self, given: Option<&str>) -> Result<String, TeachError> {
+        let free = |name: &String| !self.ids.contains(name) && self.poses.iter().all(|p| p.name != *name);
+        let Some(given) = given else {
+            // One more than there are names: one of them is free.
+            let count = self.poses.len();
+            let numbered = (count + 1..=2 * count + self.ids.len() + 1).map(|n| format!("p{n:02}"));
+            return Ok(numbered.into_iter().find(free).unwrap_or_default());
+        };
+        let name = given.to_owned();
+        if !is_name(given) {
+            return Err(TeachError::Name { name });
+        }
+        if free(&name) { Ok(name) } else { Err(TeachError::Doubled { name }) }
+    }
+
+    /// Mean joint positions and pose over the window.
+    fn mean(&self) -> Option<(Joints, Transform<Base, Tcp>)> {
+        let to_s = self.window.back()?.0.seconds();
+        let mut history = History::default();
+        self.window.iter().for_each(|(at, sample)| history.push(*at, sample, f64::INFINITY));
+        let from_s = to_s - self.limits.window_s;
+        history.mean_joints(from_s, to_s).zip(history.mean_pose(from_s, to_s))
+    }
+
+    fn warnings(&self, pose: &TaughtPose, advice: Advice<'_>) -> Vec<String> {
+        let mut warnings = Vec::new();
+        let apart = |other: &TaughtPose| {
+            let pose = &pose.base_from_tcp;
+            (pose.distance_to_m(&other.base_from_tcp), pose.angle_to_rad(&other.base_from_tcp))
+        };
+        for (other, (metres, radians)) in self.poses.iter().map(|other| (other, apart(other))) {
+            if metres < NEAR.0 && radians < NEAR.1 {
+                let (other, mm, deg) = (&other.name, metres * 1e3, radians.to_degrees());
+                warnings.push(format!("it is only {mm:.2} mm and {deg:.2} deg from pose `{other}` and adds little"));
+            }
+        }
+        for (i, (q, [min, max])) in pose.joints_rad.iter().zip(self.joint_limits_rad).enumerate() {
+            if !(min..=max).contains(q) {
+                let [q, min, max] = [*q, min, max].map(f64::to_degrees);
+                let joint = i + 1;
+                warnings.push(format!(
+                    "joint {joint} is at {q:.1} deg, outside the {min:.1} to {max:.1} deg of the cell; it will be refused"
+                ));
+            }
+        }
+        warnings.extend((advice.is_clear)(&pose.joints_rad).err());
+        warnings
+    }
+}
+
+/// Samples, newest first, between which nothing moved.
+struct Calm {
+    /// The oldest of them.
+    since: Stamp,
+    samples: usize,
+    /// Smallest and largest position of each joint, rad.
+    range: [[f64; 2]; 6],
+}
+
+impl Calm {
+    /// Adds the sample before, if nothing moved there either; otherwise says what did.
+    fn extend(&mut self, at: Stamp, sample: &RobotSample, newest: &RobotSample, limits: &Limits) -> Result<(), String> {
+        let gap_s = self.since.seconds() - at.seconds();
+        let close = gap_s <= limits.max_gap_s;
+        if !close {
+            return Err(gap(gap_s));
+        }
+        if let Some(why) = unrest(sample, limits) {
+            return Err(why);
+        }
+        if sample.tcp_offset != newest.tcp_offset {
+            return Err("the active TCP was another".into());
+        }
+        let range = std::array::from_fn(|i| {
+            let ([min, max], q) = (self.range[i], sample.joints_rad[i]);
+            [min.min(q), max.max(q)]
+        });
+        let spread = |[min, max]: &[f64; 2]| *max - *min;
+        let held = |r: &[f64; 2]| spread(r) <= limits.joint_spread_rad;
+        if let Some(joint) = range.iter().position(|r| !held(r)) {
+            let (joint, deg, limit_deg) =
+                (joint + 1, spread(&range[joint]).to_degrees(), limits.joint_spread_rad.to_degrees());
+            return Err(format!("joint {joint} drifted by {deg:.4} deg ({limit_deg:.4} allowed)"));
+        }
+        (self.since, self.samples, self.range) = (at, self.samples + 1, range);
+        Ok(())
+    }
+}
+
+fn gap(gap_s: f64) -> String {
+    format!("no sample came for {gap_s:.2} s")
+}
+
+/// What moves in a sample, in words.
+fn unrest(sample: &RobotSample, limits: &Limits) -> Option<String> {
+    let slow = |s: &f64| s.abs() < limits.joint_speed_rad_s;
+    if let Some(joint) = sample.joint_speeds_rad_s.iter().position(|s| !slow(s)) {
+        let speed = sample.joint_speeds_rad_s[joint].to_degrees();
+        return Some(format!("joint {} turns at {speed:.2} deg/s", joint + 1));
+    }
+    if let Some(joint) = sample.joints_rad.iter().position(|q| !q.is_finite()) {
+        return Some(format!("joint {} has no position", joint + 1));
+    }
+    let [x, y, z, rx, ry, rz] = sample.tcp_speed;
+    let (speed, turn) = (Vector3::new(x, y, z).norm(), Vector3::new(rx, ry, rz).norm());
+    let tcp_slow = speed < limits.tcp_speed_m_s;
+    if !tcp_slow {
+        return Some(format!("the TCP moves at {:.1} mm/s", speed * 1e3));
+    }
+    let not_turning = turn < limits.tcp_rotation_rad_s;
+    (!not_turning).then(|| format!("the TCP turns at {:.2} deg/s", turn.to_degrees()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::stillness::tests::{limits, still_sample};
+    use super::*;
+    use std::f64::consts::PI;
+
+    const QUIET: Advice<'_> = Advice { is_clear: &|_| Ok(()), hint: &|_| None };
+    const WIDE: [[f64; 2]; 6] = [[-TAU, TAU]; 6];
+
+    fn teacher() -> Teacher {
+        Teacher::new(limits(), WIDE, BTreeSet::new())
+    }
+
+    /// Samples at 125 Hz from `from_s` on.
+    fn feed(teacher: &mut Teacher, from_s: f64, count: usize, spoil: impl Fn(usize, &mut RobotSample)) {
+        for i in 0..count {
+            let mut sample = still_sample();
+            // Freedrive: no script, and the target follows the hand.
+            sample.executor_state = super::super::ExecutorState::Absent;
+            sample.target_joints_rad = [9.0; 6];
+            sample.target_joint_speeds_rad_s = [1.0; 6];
+            spoil(i, &mut sample);
+            teacher.sample(Stamp::from_seconds(from_s + i as f64 * 0.008), &sample);
+        }
+    }
+
+    fn at(teacher: &mut Teacher, from_s: f64, pose: [f64; 6], joints_rad: Joints) {
+        feed(teacher, from_s, 60, |_, s| (s.tcp_pose, s.joints_rad) = (pose, joints_rad));
+    }
+
+    #[test]
+    fn the_light_goes_from_moving_over_settling_to_still() {
+        let mut teacher = teacher();
+        assert!(matches!(teacher.light(), Light::Moving { .. }));
+        feed(&mut teacher, 0.0, 10, |_, s| s.joint_speeds_rad_s[2] = 0.02);
+        assert_eq!(teacher.light().to_string(), "moving: joint 3 turns at 1.15 deg/s");
+        feed(&mut teacher, 0.08, 26, |_, _| ());
+        let shown = teacher.light().to_string();
+        assert_eq!(shown, "settling 0.20 of 0.30 s, before that joint 3 turns at 1.15 deg/s");
+        feed(&mut teacher, 0.08 + 26.0 * 0.008, 12, |_, _| ());
+        assert_eq!(teacher.light(), Light::Still);
+        assert!(teacher.window.len() <= 40, "{} samples are kept", teacher.window.len());
+    }
+
+    #[test]
+    fn what_is_still_is_what_a_session_calls_still() {
+        let mut seed = 11u64;
+        let mut random = move || {
+            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (seed >> 33) as f64 / (1u64 << 31) as f64
+        };
+        let (mut still, mut all) = (0, 0);
+        for _ in 0..60 {
+            let (mut teacher, mut history, mut at_s) = (teacher(), History::default(), 1.0);
+            let quick = 0.02 * random();
+            for _ in 0..150 {
+                at_s += if random() < 0.004 { 0.11 } else { 0.004 + 0.01 * random() };
+                let mut sample = still_sample();
+                sample.joints_rad[4] += 0.9e-4 * random() + if random() < 0.005 { 1e-4 } else { 0.0 };
+                match random() {
+                    r if r < quick => sample.joint_speeds_rad_s[1] = -0.006,
+                    r if r < 1.2 * quick => sample.tcp_speed[1] = 0.0011,
+                    r if r < 1.4 * quick => sample.tcp_speed[5] = f64::NAN,
+                    r if r < 1.6 * quick => sample.joints_rad[0] = f64::NAN,
+                    _ => {}
+                }
+                let at = Stamp::from_seconds(at_s);
+                sample.target_joints_rad = sample.joints_rad;
+                history.push(at, &sample, 1.0);
+                teacher.sample(at, &sample);
+                assert_eq!(teacher.light() == Light::Still, history.is_still(&limits()), "{:?}", teacher.light());
+                (still, all) = (still + usize::from(teacher.light() == Light::Still), all + 1);
+            }
+        }
+        assert!(still > all / 10 && still < all * 9 / 10, "{still} of {all} says nothing");
+    }
+
+    #[test]
+    fn drift_and_a_new_tcp_break_the_window() {
+        let mut drifting = teacher();
+        feed(&mut drifting, 0.0, 60, |i, s| s.joints_rad[5] += 4e-6 * i as f64);
+        let error = drifting.take(None, QUIET).unwrap_err();
+        assert!(error.to_string().contains("joint 6 drifted by 0.00"), "{error}");
+        let mut retooled = teacher();
+        feed(&mut retooled, 0.0, 60, |i, s| s.tcp_offset[2] = if i < 50 { 0.04 } else { 0.05 });
+        assert!(retooled.light().to_string().contains("the active TCP was another"), "{}", retooled.light());
+    }
+
+    #[test]
+    fn a_pose_is_the_mean_of_the_window_also_at_half_turns() {
+        let mut teacher = teacher();
+        feed(&mut teacher, 0.0, 100, |i, s| {
+            let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
+            s.joints_rad[0] = 3.0 + sign * 2e-5;
+            // The rotation vector flips its sign near pi.
+            s.tcp_pose = [0.4 + sign * 1e-5, 0.0, 0.2, 0.0, sign * (PI - 1e-6), 0.0];
+        });
+        let taken = teacher.take(Some("down"), QUIET).unwrap();
+        assert!((taken.pose.joints_rad[0] - 3.0).abs() < 1e-6, "{taken:?}");
+        let truth = Transform::from_pose_vector([0.4, 0.0, 0.2, 0.0, PI, 0.0]);
+        let found = taken.pose.base_from_tcp;
+        assert!(found.angle_to_rad(&truth) < 1e-6 && found.distance_to_m(&truth) < 1e-6, "{found:?}");
+    }
+
+    #[test]
+    fn names_are_given_or_numbered_and_unique() {
+        let mut teacher = Teacher::new(limits(), WIDE, ["p02".to_owned()].into());
+        feed(&mut teacher, 0.0, 60, |_, _| ());
+        let mut take = |name: Option<&str>| teacher.take(name, QUIET).map(|t| t.pose.name);
+        assert_eq!(take(None).unwrap(), "p01");
+        assert_eq!(take(None).unwrap(), "p03", "p02 is in the file");
+        assert_eq!(take(Some("p04")).unwrap(), "p04");
+        assert_eq!(take(None).unwrap(), "p05");
+        assert!(matches!(take(Some("p02")), Err(TeachError::Doubled { .. })));
+        assert!(matches!(take(Some("p01")), Err(TeachError::Doubled { .. })));
+        assert!(matches!(take(Some("a b")), Err(TeachError::Name { .. })));
+        assert_eq!(teacher.undo().map(|p| p.name).as_deref(), Some("p05"));
+        assert_eq!(teacher.take(None, QUIET).unwrap().pose.name, "p05");
+        assert_eq!(teacher.poses().len(), 4);
+    }
+
+    #[test]
+    fn what_speaks_against_a_pose_is_said() {
+        let mut teacher = Teacher::new(limits(), [[-1.0, 1.0]; 6], BTreeSet::new());
+        let down = [0.4, 0.0, 0.2, 0.0, PI, 0.0];
+        at(&mut teacher, 0.0, down, [0.1; 6]);
+        assert_eq!(teacher.take(None, QUIET).unwrap().warnings, Vec::<String>::new());
+        let (mut near, mut turned) = (down, down);
+        (near[0], turned[4]) = (0.404, PI - 0.03);
+        at(&mut teacher, 1.0, near, [0.1, 1.1, 0.1, 0.1, 0.1, 0.1]);
+        let boxed = Advice { is_clear: &|_| Err("the TCP is in the box".into()), hint: &|p| Some(p.len().to_string()) };
+        let taken = teacher.take(Some("near"), boxed).unwrap();
+        assert_eq!(taken.warnings.len(), 3, "{taken:?}");
+        assert!(taken.warnings[0].contains("4.00 mm and 0.00 deg from pose `p01`"), "{taken:?}");
+        assert!(taken.warnings[1].contains("joint 2 is at 63.0 deg, outside the -57.3 to 57.3"), "{taken:?}");
+        assert_eq!((taken.warnings[2].as_str(), taken.hint.as_deref()), ("the TCP is in the box", Some("2")));
+        at(&mut teacher, 2.0, turned, [0.1; 6]);
+        assert_eq!(teacher.take(None, QUIET).unwrap().warnings, Vec::<String>::new(), "1.7 deg away");
+    }
+
+    #[test]
+    fn a_changed_tcp_a_dead_arm_and_a_joint_beyond_a_turn_are_refused() {
+        let mut teacher = teacher();
+        feed(&mut teacher, 0.0, 60, |_, _| ());
+        teacher.take(None, QUIET).unwrap();
+        feed(&mut teacher, 1.0, 60, |_, s| s.tcp_offset[0] = 0.002);
+        let error = teacher.take(None, QUIET).unwrap_err();
+        assert_eq!(error, TeachError::TcpChanged { apart_mm: 2.0, apart_deg: 0.0 });
+        teacher.undo();
+        teacher.take(None, QUIET).unwrap();
+        feed(&mut teacher, 2.0, 60, |_, s| s.robot_mode = 3);
+        assert!(teacher.take(None, QUIET).unwrap_err().to_string().contains("3 (POWER_OFF)"));
+        feed(&mut teacher, 3.0, 60, |_, s| (s.joints_rad[5], s.tcp_offset[0]) = (6.3, 0.002));
+        assert!(matches!(teacher.take(None, QUIET), Err(TeachError::BeyondTurn { joint: 6, .. })));
+        assert_eq!(teacher.poses().len(), 1);
+    }
+}
