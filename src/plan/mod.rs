@@ -162,7 +162,7 @@ pub enum Refusal {
 
 fn beside(name: &str, gap_m: f64) -> String {
     if gap_m > 0.0 {
-        format!("{:.1} mm from the keep-out box `{name}` and nearer than `keep_out_margin_mm`", gap_m * 1e3)
+        format!("{:.1} mm from the keep-out box `{name}`, where `keep_out_margin_mm` and 0.5 mm are kept", gap_m * 1e3)
     } else {
         format!("inside the keep-out box `{name}`")
     }

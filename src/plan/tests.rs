@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::*;
 use crate::config::{KeepOut, RobotCell, parse_cell, parse_trajectory};
-use crate::geometry::rotation;
+use crate::geometry::{kinematics::Dh, rotation};
 
 /// The folder with `cells` and `trajectories`.
 fn shipped() -> PathBuf {
@@ -298,6 +298,19 @@ fn the_shipped_cell_can_be_visited() {
     let arm = Arm::ur5e();
     let worst = plan.poses.iter().map(|p| arm.jacobian(&p.joints_rad).singular_values().min()).fold(f64::MAX, f64::min);
     assert!(worst > 0.1, "{worst}");
+}
+
+#[test]
+fn the_shipped_cell_can_be_visited_by_an_individual_arm() {
+    let cell = sim();
+    let arm = Arm::from_urdf(&Dh::individual().to_urdf("individual")).unwrap();
+    let plan = expand_with(&cell, &arm, &trajectories(&cell)).unwrap_or_else(|e| panic!("{e}"));
+    let nominal = expand(&cell, &trajectories(&cell)).unwrap();
+    for (a, b) in plan.poses.iter().zip(&nominal.poses) {
+        // Millimetres at the flange are milliradians at the joints; a wrong branch is more than a radian.
+        assert!(reach::distance_rad(&a.joints_rad, &b.joints_rad) < 0.05, "{}: {a:?} {b:?}", a.id);
+        assert!(a.base_from_tcp.distance_to_m(&b.base_from_tcp) < 1e-7);
+    }
 }
 
 #[test]

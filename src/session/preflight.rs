@@ -113,6 +113,13 @@ fn of_facts(facts: &RobotFacts, expected: &Expected) -> Vec<Finding> {
             "the robot is in local control; switch the teach pendant to remote control",
         ));
     }
+    // PolyScope X has no dashboard; where there should be one its silence hides what must be known.
+    if facts.remote_control.is_none() && !expected.external && major < 10 {
+        found.push(Finding::new(
+            "remote_control",
+            "whether the robot is in remote control is not told: the dashboard does not answer; enable it under Settings, Security, Services",
+        ));
+    }
     let mut must_be = |id: &str, wanted: &Option<String>, found_now: Option<&str>| {
         let Some(wanted) = wanted.as_deref() else { return };
         if found_now != Some(wanted) {

@@ -4,19 +4,24 @@
 
 The simulator must serve the real ports on HOST, without lock-step and in real time, its program list
 must hold `production.urp`, and HOST must not be 127.0.0.1, for which the client skips a check. Prints
-one line per check and ends with 0 where all hold, with 1 at the first that does not.
+one line per check and ends with 0 where all hold, with 1 at the first that does not, or when the client
+hangs. It takes about 30 s.
 """
 
+import faulthandler
 import math
 import sys
 import threading
 import time
+from importlib.metadata import version
 
 from dashboard_client import DashboardClient
 from rtde_control import Path, PathEntry, RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
+# The client itself would wait for minutes.
+LIMIT_S = 150
 RUNNING, IDLE, POWER_OFF = 7, 5, 3
 # The client sends a package of the wrong size for an offset of zeros.
 ALMOST_NOTHING = [1e-12, 0.0, 0.0, 0.0, 0.0, 0.0]
@@ -78,7 +83,7 @@ def reading(receive):
     before = receive.getTimestamp()
     time.sleep(0.5)
     passed = receive.getTimestamp() - before
-    check("its time runs at real pace", 0.3 < passed < 0.8, passed)
+    check("its time runs at real pace", 0.2 < passed < 0.9, passed)
     check("the robot runs, unstopped", receive.getRobotMode() == RUNNING and receive.getSafetyMode() == 1)
     check("joints agree with their targets", apart(receive.getActualQ(), receive.getTargetQ()) < 1e-3)
     vectors = [receive.getJointTemperatures(), receive.getActualCurrent(), receive.getPayloadInertia(),
@@ -144,7 +149,7 @@ def joint_moves(control, receive):
     clock = time.monotonic()
     check("moveJ returns True", control.moveJ(target, 1.0, 2.0))
     took = time.monotonic() - clock
-    check(f"moveJ takes the time of its speeds ({took:.2f} s)", 0.85 < took < 1.6, took)
+    check(f"moveJ takes the time of its speeds ({took:.2f} s)", 0.85 < took < 3.0, took)
     check("moveJ arrives", apart(receive.getActualQ(), target) < 1e-3, receive.getActualQ())
     eventually("isSteady", control.isSteady)
     check("a target beyond the joints ends the script", control.moveJ([7.0] * 6, 1.0, 1.0) is False)
@@ -186,7 +191,8 @@ def asynchronous(control, receive):
     target = moved(start, [1.5, 0.0, 0.0, 0.0, 0.0, 0.0])
     clock = time.monotonic()
     check("asynchronous moveJ returns at once", control.moveJ(target, 1.0, 2.0, True))
-    check("... in less than 0.2 s", time.monotonic() - clock < 0.2, time.monotonic() - clock)
+    took = time.monotonic() - clock
+    check("... before the 2 s of the move", took < 1.0, took)
     eventually("it moves", lambda: abs(receive.getActualQd()[0]) > 0.5)
     check("its progress says so", control.getAsyncOperationProgress() >= 0, control.getAsyncOperationProgress())
     check("isSteady is False while it moves", not control.isSteady())
@@ -417,6 +423,8 @@ def protective_stop(control, receive, dashboard):
 
 
 def main(host):
+    print(f"ur-rtde {version('ur-rtde')} against {host}", flush=True)
+    faulthandler.dump_traceback_later(LIMIT_S, exit=True)
     receive = RTDEReceiveInterface(host)
     reading(receive)
     dashboard = DashboardClient(host)

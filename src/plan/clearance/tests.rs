@@ -92,8 +92,8 @@ fn a_joint_path_is_refused_exactly_where_it_comes_near() {
             let mut cell = with_box(min_m, std::array::from_fn(|i| min_m[i] + thickness[i]));
             cell.robot.keep_out_margin_m = 0.02 * next();
             let clearance = Clearance::of(&cell, &arm);
-            let at = |i: u32| std::array::from_fn(|k| from[k] + (to[k] - from[k]) * f64::from(i) / 250.0);
-            let way: Vec<Joints> = (0..=250).map(at).collect();
+            let at = |i: u32| std::array::from_fn(|k| from[k] + (to[k] - from[k]) * f64::from(i) / 150.0);
+            let way: Vec<Joints> = (0..=150).map(at).collect();
             let room_m = smallest_gap_m(&clearance, &way) - cell.robot.keep_out_margin_m;
             let answer = clearance.joint_path(&from, &to);
             if room_m <= 0.0 {
@@ -101,13 +101,13 @@ fn a_joint_path_is_refused_exactly_where_it_comes_near() {
                 hits += 1;
             } else if room_m > 0.001 {
                 // Half a millimetre of doubt, and what sampling every few millimetres misses.
-                let step_m = clearance.parts.iter().map(|p| p.moves_m(&[1.2 / 500.0; 6])).fold(0.0, f64::max);
+                let step_m = clearance.parts.iter().map(|p| p.moves_m(&[1.2 / 300.0; 6])).fold(0.0, f64::max);
                 assert!(answer.is_ok() || room_m < step_m, "{room_m} {answer:?}");
                 clear += 1;
                 close += u32::from(room_m < 0.05);
             }
         }
-        assert!(hits > 30 && clear > 30 && close > 8, "the cases are too kind: {hits} {clear} {close}");
+        assert!(hits > 20 && clear > 30 && close > 8, "the cases are too kind: {hits} {clear} {close}");
     }
 }
 
@@ -226,7 +226,10 @@ fn the_margin_is_kept_and_named() {
     let Refusal::KeepOut { part, at_m, .. } = &refused else { panic!("{refused}") };
     assert_eq!(part, &gap.part);
     assert!((at_m[2] - (-0.2 + gap.gap_m)).abs() < 1e-9, "{refused:?}");
-    let said = format!("{:.1} mm from the keep-out box `box` and nearer than `keep_out_margin_mm`", gap.gap_m * 1e3);
+    let said = format!(
+        "{:.1} mm from the keep-out box `box`, where `keep_out_margin_mm` and 0.5 mm are kept",
+        gap.gap_m * 1e3
+    );
     assert!(refused.to_string().contains(&said), "{refused}");
 }
 

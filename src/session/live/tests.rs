@@ -341,7 +341,7 @@ fn an_exposure_that_began_too_early_is_discarded() {
     let mut live = session(1);
     let mut bench = Bench::new();
     bench.give(&mut live, &Input::Connected(Box::new(facts())));
-    bench.walk(&mut live, 1.3, |_, _| ());
+    bench.walk(&mut live, 1.15, |_, _| ());
     let (_, captured) = bench.due.as_mut().expect("a capture is under way");
     captured.exposures[0].start_s -= 0.5;
     bench.walk(&mut live, 10.0, |_, _| ());
@@ -354,7 +354,7 @@ fn a_resumed_session_drives_back_and_visits_only_what_is_missing() {
     let mut bench = Bench::new();
     bench.give(&mut live, &Input::Connected(Box::new(facts())));
     // Between the second and the third pose.
-    bench.walk(&mut live, 3.1, |_, _| ());
+    bench.walk(&mut live, 2.45, |_, _| ());
     assert_eq!(captures(&bench.commands), [0, 1]);
     bench.give(&mut live, &Input::RobotLost { why: "network".into() });
     assert!(live.is_done() && live.missing() == 2);

@@ -2,7 +2,9 @@
 
 use super::config::{Individual, SimUrConfig};
 use super::inputs::{Inputs, REGISTERS};
+use super::io::Io;
 use super::motion::{Motion, TICK_S};
+use super::panel::Panel;
 use crate::devices::rtde::{TextLevel, TextMessage};
 use crate::geometry::kinematics::Joints;
 
@@ -103,6 +105,11 @@ pub(super) struct Body {
     pub(super) output_double: [f64; REGISTERS],
     pub(super) digital_inputs: u64,
     pub(super) digital_outputs: u64,
+    pub(super) io: Io,
+    pub(super) panel: Panel,
+    pub(super) payload_inertia_kg_m2: [f64; 6],
+    /// Line of the program that is executed.
+    pub(super) script_line: u32,
     pub(super) safety: Safety,
     pub(super) powered: bool,
     /// Until when the controller boots.
@@ -114,6 +121,7 @@ pub(super) struct Body {
     pub(super) runtime: Runtime,
     pub(super) watchdogs: Vec<Watchdog>,
     texts: Vec<TextMessage>,
+    log: Vec<String>,
 }
 
 impl Body {
@@ -128,6 +136,10 @@ impl Body {
             output_double: [0.0; REGISTERS],
             digital_inputs: 0,
             digital_outputs: 0,
+            io: Io::default(),
+            panel: Panel::default(),
+            payload_inertia_kg_m2: [0.0; 6],
+            script_line: 0,
             safety: Safety::Normal,
             powered: true,
             booting_until_tick: 0,
@@ -136,6 +148,7 @@ impl Body {
             runtime: Runtime::Stopped,
             watchdogs: Vec::new(),
             texts: Vec::new(),
+            log: Vec::new(),
         }
     }
 
@@ -151,11 +164,11 @@ impl Body {
 
     /// Whether a program may run.
     pub(super) fn may_run(&self) -> bool {
-        self.powered && self.safety.allows_motion()
+        self.powered && self.panel.brakes_released && self.safety.allows_motion()
     }
 
     pub(super) fn speed_fraction(&self) -> f64 {
-        self.inputs.speed_slider().unwrap_or(self.config.speed_fraction).clamp(0.0, 1.0)
+        self.config.speed_fraction.clamp(0.0, 1.0)
     }
 
     pub(super) fn say(&mut self, level: TextLevel, message: impl Into<String>) {
@@ -166,6 +179,24 @@ impl Body {
 
     pub(super) fn take_texts(&mut self) -> Vec<TextMessage> {
         std::mem::take(&mut self.texts)
+    }
+
+    /// What a program says; it goes to the primary interface, not to RTDE.
+    pub(super) fn log(&mut self, message: impl Into<String>) {
+        if self.log.len() < MAX_TEXTS {
+            self.log.push(message.into());
+        }
+    }
+
+    pub(super) fn take_log(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.log)
+    }
+
+    /// Brakes what is left of a motion command that nobody waits for.
+    pub(super) fn leave_motion(&mut self) {
+        if !self.motion.is_stopping() {
+            self.motion.stop(self.config.program_stop_rad_s2);
+        }
     }
 
     /// Whether a late input asks to stop the program; pauses are done here.
@@ -192,6 +223,7 @@ impl Body {
     /// What a program stop does to the body; the program itself belongs to the caller.
     pub(super) fn program_ended(&mut self) {
         self.runtime = Runtime::Stopped;
+        self.script_line = 0;
         self.watchdogs.clear();
         if self.motion.is_busy() {
             self.motion.stop(self.config.program_stop_rad_s2);
@@ -220,6 +252,9 @@ impl Body {
 
     /// A stop that keeps the power: the arm brakes on its path and the program pauses.
     pub(super) fn stop_for_safety(&mut self, safety: Safety) {
+        if safety == Safety::ProtectiveStop {
+            self.panel.stopped_since_tick = self.tick;
+        }
         self.safety = self.safety.max(safety);
         self.motion.pause(self.config.safety_stop_rad_s2);
         if self.runtime == Runtime::Playing {
@@ -240,7 +275,7 @@ impl Body {
     pub(super) fn restart(&mut self, boots: bool) {
         self.inputs = Inputs::new();
         (self.output_int, self.output_double) = ([0; REGISTERS], [0.0; REGISTERS]);
-        self.digital_outputs = 0;
+        (self.digital_outputs, self.io) = (0, Io::default());
         self.config.boot_time_s = -self.now_s();
         if boots {
             self.booting_until_tick = self.tick + Self::ticks_of(BOOT_S);
@@ -258,6 +293,7 @@ impl Body {
     /// What an operator does after a stop; a paused program stays paused.
     pub(super) fn recover(&mut self) {
         (self.safety, self.powered, self.booting_until_tick) = (Safety::Normal, true, 0);
+        self.panel.brakes_released = true;
     }
 
     /// Makes another TCP the active one: x, y, z (m) and axis-angle vector (rad) in the flange.

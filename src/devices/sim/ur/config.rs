@@ -19,7 +19,7 @@ pub struct Ports {
     pub primary: u16,
     /// Secondary interface; 30002.
     pub secondary: u16,
-    /// Realtime interface, here for scripts only; 30003.
+    /// Realtime interface; 30003.
     pub realtime: u16,
     /// Dashboard; 29999.
     pub dashboard: u16,
@@ -137,6 +137,8 @@ pub struct SimUrConfig {
     pub serial: String,
     /// Model, as the dashboard says it.
     pub model: String,
+    /// Programs that the dashboard can load.
+    pub programs: Vec<String>,
     /// Software version: major, minor, bug fix, build.
     pub version: [u32; 4],
     /// Deceleration of the leading joint when a program is stopped, rad/s2.
@@ -171,6 +173,7 @@ impl Default for SimUrConfig {
             remote_control: true,
             serial: "20235500001".into(),
             model: "UR5".into(),
+            programs: vec!["production.urp".into()],
             version: [5, 12, 4, 1101],
             program_stop_rad_s2: 8.0,
             safety_stop_rad_s2: 20.0,

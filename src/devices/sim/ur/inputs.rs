@@ -10,7 +10,7 @@ pub(super) const REGISTERS: usize = 48;
 /// Number of a client.
 pub(super) type ClientId = u64;
 
-const PLAIN: [(&str, DataType); 14] = [
+const PLAIN: [(&str, DataType); 15] = [
     ("speed_slider_mask", DataType::Uint32),
     ("speed_slider_fraction", DataType::Double),
     ("standard_digital_output_mask", DataType::Uint8),
@@ -25,6 +25,7 @@ const PLAIN: [(&str, DataType); 14] = [
     ("standard_analog_output_1", DataType::Double),
     ("external_force_torque", DataType::Vector6d),
     ("input_bit_registers0_to_31", DataType::Uint32),
+    ("input_bit_registers32_to_63", DataType::Uint32),
 ];
 
 #[derive(Debug)]
@@ -118,17 +119,6 @@ impl Inputs {
         match self.value(REGISTERS.saturating_add(index)) {
             Some(Value::Double(v)) => v,
             _ => 0.0,
-        }
-    }
-
-    /// The slider that a client set, if it set its mask.
-    pub(super) fn speed_slider(&self) -> Option<f64> {
-        let value = |name: &str| self.find(name).and_then(|i| self.value(i));
-        match (value("speed_slider_mask"), value("speed_slider_fraction")) {
-            (Some(Value::Uint32(1)), Some(Value::Double(fraction))) if (0.0..=1.0).contains(&fraction) => {
-                Some(fraction)
-            }
-            _ => None,
         }
     }
 }

@@ -7,7 +7,9 @@
 //! script). While a client with inputs is started, the two keep step: after a data package, time
 //! stands until that client has sent an input package, so that a slow client slows simulated time and
 //! a session is the same every time. Where no client drives, or the driver is silent for
-//! `lock_step_patience`, time runs at real pace: watchdogs and dead clients behave as in reality.
+//! `lock_step_patience`, time runs at real pace: watchdogs and dead clients behave as in reality. Without
+//! lock-step (a patience of zero) time runs from the start; clients that know nothing of it, such as
+//! `ur_rtde`, need that. What they upload is executed, not imitated: see `urscript`.
 //!
 //! Faults: [`SimUrConfig::faults`] and [`SimHandle::inject_fault`] make the robot stop and the network bad, at
 //! exact moments of simulated time. While nothing reaches the clients, time runs at real pace.
@@ -21,13 +23,16 @@ mod dashboard;
 mod faults;
 mod handle;
 mod inputs;
+mod io;
 mod link;
 mod motion;
 mod network;
 mod noise;
 mod outputs;
 mod pacing;
+mod panel;
 mod primary;
+mod realtime;
 mod rtde_client;
 mod script_client;
 mod server;

@@ -1,4 +1,9 @@
-//! How the simulated arm moves: trapezoidal paths, slowing down on a path, ringing after a stop.
+//! How the simulated arm moves: trapezoidal paths, slowing down on a path, commanded speeds, ringing
+//! after a stop.
+
+#[cfg(test)]
+mod tests;
+mod velocity;
 
 use super::config::{Flaws, Individual, SimUrConfig};
 use super::noise::{self, Stream};
@@ -13,11 +18,18 @@ pub(super) const TICK_S: f64 = 0.002;
 /// Turning by 1 rad takes as long as moving by this length, m.
 const EQUIVALENT_RADIUS_M: f64 = 0.2;
 
+pub(super) use velocity::{Goal, SERVO_RAD_S2};
+
+use velocity::Speeding;
+
 /// Largest joint speed of the drives, rad/s; a path that asks for more is a protective stop.
 const MAX_JOINT_SPEED_RAD_S: f64 = std::f64::consts::PI;
 
 /// Time in which the unseen part of the pose settles to a new place while moving, s.
 const SETTLE_S: f64 = 0.1;
+
+/// Gentlest deceleration that a stop may ask for, rad/s2.
+const MIN_BRAKING_RAD_S2: f64 = 0.01;
 
 /// A path from 0 to 1 with constant acceleration, constant speed, constant deceleration.
 #[derive(Debug, Clone, Copy)]
@@ -118,8 +130,12 @@ pub(super) struct Motion {
     target: Joints,
     target_speed: Joints,
     path: Option<Path>,
+    /// A commanded speed; never together with a path.
+    speeding: Option<Speeding>,
     pace: Pace,
     rate: f64,
+    /// With which a commanded speed is left, rad/s2.
+    braking_rad_s2: f64,
     ring: Option<Ring>,
     unseen: Joints,
     unseen_goal: Joints,
@@ -139,8 +155,10 @@ impl Motion {
             target: config.start_joints_rad,
             target_speed: [0.0; 6],
             path: None,
+            speeding: None,
             pace: Pace::Follow,
             rate: 1.0,
+            braking_rad_s2: MIN_BRAKING_RAD_S2,
             ring: None,
             unseen: [0.0; 6],
             unseen_goal: [0.0; 6],
@@ -189,6 +207,10 @@ impl Motion {
         std::array::from_fn(|i| encoded[i] + self.joint_offsets_rad[i] + self.unseen[i])
     }
 
+    pub(super) fn base_from_flange(&self) -> Transform<Base, Flange> {
+        self.arm.forward(&self.target)
+    }
+
     pub(super) fn base_from_tcp(&self, joints_rad: &Joints) -> Transform<Base, Tcp> {
         self.arm.forward(joints_rad) * self.flange_from_tcp
     }
@@ -211,30 +233,60 @@ impl Motion {
         [at_tcp.x, at_tcp.y, at_tcp.z, angular.x, angular.y, angular.z]
     }
 
-    /// Whether a path is being followed or left.
+    /// Whether a path or a commanded speed is being followed or left.
     pub(super) fn is_busy(&self) -> bool {
-        self.path.is_some()
+        self.path.is_some() || self.speeding.is_some()
+    }
+
+    /// Whether it is on its way to rest.
+    pub(super) fn is_stopping(&self) -> bool {
+        matches!(self.pace, Pace::Stop { .. })
+    }
+
+    /// Where the path ends, or where the TCP is.
+    pub(super) fn waypoint(&self) -> Transform<Base, Tcp> {
+        match self.path.as_ref().map(|path| &path.way) {
+            Some(Way::Joint { to, .. }) => self.base_from_tcp(to),
+            Some(Way::Line { to, .. }) => *to * self.flange_from_tcp,
+            None => self.base_from_tcp(&self.target),
+        }
     }
 
     /// What `is_steady()` says: no motion and the ringing has died down.
     pub(super) fn is_steady(&self) -> bool {
-        self.path.is_none() && self.ring.is_none_or(|r| r.envelope_rad_s() < self.steady_rad_s)
+        !self.is_busy() && self.ring.is_none_or(|r| r.envelope_rad_s() < self.steady_rad_s)
     }
 
     /// Starts a joint move; speed and acceleration are those of the leading joint.
     pub(super) fn start_joint_move(&mut self, to: Joints, speed_rad_s: f64, acceleration_rad_s2: f64) {
-        let from = self.target;
-        let length = (0..6).map(|i| (to[i] - from[i]).abs()).fold(0.0, f64::max);
-        self.start(Way::Joint { from, to }, length, speed_rad_s, acceleration_rad_s2);
+        let (way, length) = self.joint_way(to);
+        self.start(way, length, speed_rad_s, acceleration_rad_s2);
     }
 
     /// Starts a straight line of the flange that ends at these joint positions.
     pub(super) fn start_line(&mut self, to: &Joints, speed_m_s: f64, acceleration_m_s2: f64) {
+        let (way, length) = self.line_way(to);
+        self.start(way, length, speed_m_s, acceleration_m_s2);
+    }
+
+    /// Starts a line or a joint move that takes this time; a quarter of it each for speeding up and slowing down.
+    pub(super) fn start_timed(&mut self, to: Joints, line: bool, time_s: f64) {
+        let (way, length) = if line { self.line_way(&to) } else { self.joint_way(to) };
+        let (speed, ramp_s) = (length / (0.75 * time_s), 0.25 * time_s);
+        self.start(way, length, speed, speed / ramp_s);
+    }
+
+    fn joint_way(&self, to: Joints) -> (Way, f64) {
+        let from = self.target;
+        let length = (0..6).map(|i| (to[i] - from[i]).abs()).fold(0.0, f64::max);
+        (Way::Joint { from, to }, length)
+    }
+
+    fn line_way(&self, to: &Joints) -> (Way, f64) {
         let (from, to) = (self.base_from_tcp(&self.target), self.base_from_tcp(to));
         let length = from.distance_to_m(&to).max(EQUIVALENT_RADIUS_M * from.angle_to_rad(&to));
         let tcp_from_flange = self.flange_from_tcp.inverse();
-        let way = Way::Line { from: from * tcp_from_flange, to: to * tcp_from_flange };
-        self.start(way, length, speed_m_s, acceleration_m_s2);
+        (Way::Line { from: from * tcp_from_flange, to: to * tcp_from_flange }, length)
     }
 
     fn start(&mut self, way: Way, length: f64, speed: f64, acceleration: f64) {
@@ -246,18 +298,30 @@ impl Motion {
         let profile = Trapezoid::new(length, speed, acceleration);
         self.path = Some(Path { way, profile, time_s: 0.0 });
         (self.pace, self.rate) = (Pace::Follow, 1.0);
+        self.unsettle();
+    }
+
+    /// Every way to rest ends a little elsewhere.
+    fn unsettle(&mut self) {
         let mut rng = noise::generator(self.seed, Stream::Settling, self.stops);
         let size_m = noise::between(&mut rng, self.flaws.repeatability_m);
         self.unseen_goal = self.scaled_to_flange(noise::normal(&mut rng, 1.0), size_m);
     }
 
     /// Slows down and forgets the path; the leading joint decelerates with at least this, rad/s2.
+    ///
+    /// Does nothing while the arm stands.
     pub(super) fn stop(&mut self, deceleration_rad_s2: f64) {
+        if !self.is_busy() {
+            return;
+        }
+        self.braking_rad_s2 = deceleration_rad_s2.max(MIN_BRAKING_RAD_S2);
         self.pace = Pace::Stop { per_s: self.slowing_per_s(deceleration_rad_s2) };
     }
 
     /// Slows down and stays on the path.
     pub(super) fn pause(&mut self, deceleration_rad_s2: f64) {
+        self.braking_rad_s2 = deceleration_rad_s2.max(MIN_BRAKING_RAD_S2);
         self.pace = Pace::Pause { per_s: self.slowing_per_s(deceleration_rad_s2) };
     }
 
@@ -267,7 +331,7 @@ impl Motion {
     }
 
     fn slowing_per_s(&self, deceleration_rad_s2: f64) -> f64 {
-        deceleration_rad_s2.max(0.01) * self.rate / largest(&self.target_speed).max(1e-3)
+        deceleration_rad_s2.max(MIN_BRAKING_RAD_S2) * self.rate / largest(&self.target_speed).max(1e-3)
     }
 
     /// One cycle; the path runs at `speed_fraction` of its planned speed.
@@ -278,11 +342,14 @@ impl Motion {
                 self.ring = None;
             }
         }
-        if self.path.is_none() {
+        if !self.is_busy() {
             return Ok(());
         }
         for i in 0..6 {
             self.unseen[i] += (self.unseen_goal[i] - self.unseen[i]) * (TICK_S / SETTLE_S);
+        }
+        if self.speeding.is_some() {
+            return self.speed_on(speed_fraction);
         }
         self.update_rate();
         self.follow(speed_fraction)
@@ -331,7 +398,7 @@ impl Motion {
 
     fn came_to_rest(&mut self) {
         self.target_speed = [0.0; 6];
-        self.path = None;
+        (self.path, self.speeding) = (None, None);
         self.pace = Pace::Follow;
         self.rate = 1.0;
     }
@@ -365,92 +432,4 @@ impl Motion {
 /// Largest absolute value.
 pub(super) fn largest(values: &Joints) -> f64 {
     values.iter().fold(0.0, |sum, v| v.abs().max(sum))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn flawless(seed: u64) -> Motion {
-        let config = SimUrConfig { flaws: Flaws::none(), ..SimUrConfig::default() };
-        Motion::new(&config, &Individual::draw(&config, seed), seed)
-    }
-
-    #[test]
-    fn a_joint_move_keeps_its_speed_and_acceleration() {
-        let mut motion = flawless(1);
-        let from = motion.target();
-        motion.start_joint_move(std::array::from_fn(|i| from[i] + 0.1 * i as f64), 0.4, 0.8);
-        let (mut time_s, mut before, mut fastest) = (0.0, 0.0, 0.0_f64);
-        while motion.is_busy() {
-            motion.tick(1.0).unwrap();
-            let speed = motion.target_speed()[5];
-            assert!((speed - before).abs() <= 0.8 * TICK_S + 0.4e-2, "{speed} after {before}");
-            (before, fastest, time_s) = (speed, fastest.max(speed), time_s + TICK_S);
-        }
-        // 0.5 rad at 0.4 rad/s and 0.8 rad/s2: ramps of 0.5 s and 0.1 rad each, 0.3 rad in 0.75 s.
-        assert!((time_s - 1.75).abs() < 3.0 * TICK_S, "{time_s}");
-        assert!((fastest - 0.4).abs() < 1e-9, "{fastest}");
-        assert!((motion.target()[5] - from[5] - 0.5).abs() < 1e-12);
-    }
-
-    #[test]
-    fn short_moves_are_triangles() {
-        let profile = Trapezoid::new(0.1, 10.0, 1.0);
-        assert!((profile.duration_s() - 2.0 * 0.1_f64.sqrt()).abs() < 1e-12);
-        assert!((profile.at(profile.duration_s() / 2.0) - 0.5).abs() < 1e-12);
-        assert!((profile.at(profile.duration_s()) - 1.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_stop_slows_the_leading_joint_as_asked_and_stays_on_the_path() {
-        let mut motion = flawless(2);
-        let from = motion.target();
-        motion.start_joint_move(from.map(|q| q + 2.0), 1.0, 10.0);
-        (0..250).for_each(|_| motion.tick(1.0).unwrap());
-        motion.stop(5.0);
-        let mut ticks = 0;
-        while motion.is_busy() {
-            motion.tick(1.0).unwrap();
-            ticks += 1;
-        }
-        assert!((f64::from(ticks) * TICK_S - 0.2).abs() < 0.005, "{ticks} ticks");
-        let moved = motion.target()[0] - from[0];
-        assert!((motion.target()[3] - from[3] - moved).abs() < 1e-12 && moved < 0.6);
-    }
-
-    #[test]
-    fn ringing_has_the_size_asked_for_and_dies() {
-        let config = SimUrConfig::default();
-        let mut motion = Motion::new(&config, &Individual::draw(&config, 3), 3);
-        let to = std::array::from_fn(|i| motion.target()[i] + 0.2);
-        motion.start_joint_move(to, 1.0, 3.0);
-        while motion.is_busy() {
-            motion.tick(1.0).unwrap();
-        }
-        assert!(!motion.is_steady());
-        let rest = motion.arm().forward(&motion.target());
-        let mut largest_m = 0.0_f64;
-        let mut ticks = 0;
-        while !motion.is_steady() {
-            motion.tick(1.0).unwrap();
-            largest_m = largest_m.max(rest.distance_to_m(&motion.arm().forward(&motion.encoded())));
-            ticks += 1;
-        }
-        assert!((0.04e-3..0.5e-3).contains(&largest_m), "{largest_m}");
-        assert!((20..600).contains(&ticks), "{ticks}");
-    }
-
-    #[test]
-    fn a_line_out_of_reach_is_a_fault() {
-        let mut motion = flawless(4);
-        let stretched = [0.0, -1.57, 0.0, 0.0, 1.57, 0.0];
-        let mut other = stretched;
-        other[0] = 3.0;
-        motion.target = stretched;
-        // Through the axis of the base: the first joint would have to jump.
-        motion.start_line(&other, 0.25, 0.5);
-        let fault = (0..5000).find_map(|_| motion.tick(1.0).err());
-        assert!(fault.is_some());
-    }
 }

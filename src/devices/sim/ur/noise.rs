@@ -17,6 +17,8 @@ pub(super) enum Stream {
     Measured = 3,
     /// What a bad network does to the n-th package.
     Network = 5,
+    /// What a program calls random in the n-th tick.
+    Script = 6,
 }
 
 /// The generator of the `index`-th draw of a stream.

@@ -2,22 +2,28 @@
 
 use super::body::{Body, Runtime};
 use super::inputs::REGISTERS;
+use super::io::BIT_REGISTERS;
 use super::noise::{self, Stream};
 use crate::devices::rtde::{DataType, Value};
 use crate::geometry::kinematics::Joints;
 
-const ROBOT_MODE_BOOTING: i32 = 2;
-const ROBOT_MODE_POWER_OFF: i32 = 3;
+pub(super) const ROBOT_MODE_BOOTING: i32 = 2;
+pub(super) const ROBOT_MODE_POWER_OFF: i32 = 3;
+pub(super) const ROBOT_MODE_IDLE: i32 = 5;
 const ROBOT_MODE_RUNNING: i32 = 7;
 const JOINT_MODE_POWER_OFF: i32 = 239;
+const JOINT_MODE_IDLE: i32 = 255;
 const JOINT_MODE_RUNNING: i32 = 253;
+
+/// Temperature of every joint, degrees Celsius.
+pub(super) const JOINT_TEMPERATURE_C: f64 = 30.0;
 
 /// What is measured and reported in one tick.
 #[derive(Debug)]
 pub(super) struct Snapshot {
-    actual_q: Joints,
-    actual_qd: Joints,
-    tcp_speed: [f64; 6],
+    pub(super) actual_q: Joints,
+    pub(super) actual_qd: Joints,
+    pub(super) tcp_speed: [f64; 6],
 }
 
 impl Snapshot {
@@ -46,6 +52,7 @@ pub(super) enum Source {
     Getter(Getter),
     IntRegister(usize),
     DoubleRegister(usize),
+    BitRegister(usize),
     Input(usize),
     Constant(Value),
 }
@@ -56,6 +63,7 @@ impl Source {
             Self::Getter(get) => get(body, snapshot),
             Self::IntRegister(i) => Value::Int32(body.output_int.get(i).copied().unwrap_or(0)),
             Self::DoubleRegister(i) => Value::Double(body.output_double.get(i).copied().unwrap_or(0.0)),
+            Self::BitRegister(i) => Value::Bool(body.io.bit(i)),
             Self::Input(slot) => body.inputs.value(slot).unwrap_or(Value::Int32(0)),
             Self::Constant(value) => value,
         }
@@ -76,8 +84,9 @@ pub(super) fn find(name: &str, body: &Body) -> Option<(DataType, Source)> {
     if let Some((_, value)) = CONSTANT.iter().find(|(n, _)| *n == name) {
         return Some((value.data_type(), Source::Constant(*value)));
     }
-    if name.strip_prefix("output_bit_register_").and_then(|n| n.parse().ok()).is_some_and(|n| (64..128).contains(&n)) {
-        return Some((DataType::Bool, Source::Constant(Value::Bool(false))));
+    let bit = name.strip_prefix("output_bit_register_").and_then(|n| n.parse().ok());
+    if let Some(bit) = bit.filter(|bit| (64..BIT_REGISTERS).contains(bit)) {
+        return Some((DataType::Bool, Source::BitRegister(bit)));
     }
     let slot = body.inputs.find(name).filter(|_| name.starts_with("input_"))?;
     Some((body.inputs.data_type(slot)?, Source::Input(slot)))
@@ -88,7 +97,7 @@ fn register(name: &str, prefix: &str) -> Option<usize> {
 }
 
 /// Fields that follow the simulation.
-const SIMULATED: [(&str, DataType, Getter); 24] = [
+const SIMULATED: [(&str, DataType, Getter); 30] = [
     ("timestamp", DataType::Double, |b, _| Value::Double(b.config.boot_time_s + b.now_s())),
     ("target_q", DataType::Vector6d, |b, _| Value::Vector6d(b.motion.target())),
     ("target_qd", DataType::Vector6d, |b, _| Value::Vector6d(b.motion.target_speed())),
@@ -116,13 +125,19 @@ const SIMULATED: [(&str, DataType, Getter); 24] = [
     ("target_speed_fraction", DataType::Double, |b, _| Value::Double(b.speed_fraction())),
     ("actual_digital_input_bits", DataType::Uint64, |b, _| Value::Uint64(b.digital_inputs)),
     ("actual_digital_output_bits", DataType::Uint64, |b, _| Value::Uint64(b.digital_outputs)),
-    ("script_control_line", DataType::Uint32, |_, _| Value::Uint32(0)),
+    ("script_control_line", DataType::Uint32, |b, _| Value::Uint32(b.script_line)),
+    ("payload_inertia", DataType::Vector6d, |b, _| Value::Vector6d(b.payload_inertia_kg_m2)),
+    ("standard_analog_output0", DataType::Double, |b, _| Value::Double(b.io.analog(0))),
+    ("standard_analog_output1", DataType::Double, |b, _| Value::Double(b.io.analog(1))),
+    ("analog_io_types", DataType::Uint32, |b, _| Value::Uint32(b.io.analog_types())),
+    ("output_bit_registers0_to_31", DataType::Uint32, |b, _| Value::Uint32(b.io.word(false))),
+    ("output_bit_registers32_to_63", DataType::Uint32, |b, _| Value::Uint32(b.io.word(true))),
 ];
 
 const ZERO_6: Value = Value::Vector6d([0.0; 6]);
 
 /// Fields that clients ask for and that stand still here.
-const CONSTANT: [(&str, Value); 27] = [
+const CONSTANT: [(&str, Value); 38] = [
     ("target_qdd", ZERO_6),
     ("target_current", ZERO_6),
     ("target_moment", ZERO_6),
@@ -130,8 +145,8 @@ const CONSTANT: [(&str, Value); 27] = [
     ("joint_control_output", ZERO_6),
     ("actual_TCP_force", ZERO_6),
     ("ft_raw_wrench", ZERO_6),
-    ("payload_inertia", ZERO_6),
-    ("joint_temperatures", Value::Vector6d([30.0; 6])),
+    ("actual_current_as_torque", ZERO_6),
+    ("joint_temperatures", Value::Vector6d([JOINT_TEMPERATURE_C; 6])),
     ("actual_joint_voltage", Value::Vector6d([48.0; 6])),
     ("actual_tool_accelerometer", Value::Vector3d([0.0; 3])),
     ("elbow_position", Value::Vector3d([0.0; 3])),
@@ -144,24 +159,40 @@ const CONSTANT: [(&str, Value); 27] = [
     ("actual_robot_current", Value::Double(0.5)),
     ("standard_analog_input0", Value::Double(0.0)),
     ("standard_analog_input1", Value::Double(0.0)),
-    ("standard_analog_output0", Value::Double(0.0)),
-    ("standard_analog_output1", Value::Double(0.0)),
-    ("output_bit_registers0_to_31", Value::Uint32(0)),
-    ("output_bit_registers32_to_63", Value::Uint32(0)),
-    ("input_bit_registers32_to_63", Value::Uint32(0)),
     ("io_current", Value::Double(0.0)),
+    ("euromap67_input_bits", Value::Uint32(0)),
+    ("euromap67_output_bits", Value::Uint32(0)),
+    ("euromap67_24V_voltage", Value::Double(0.0)),
+    ("euromap67_24V_current", Value::Double(0.0)),
+    ("tool_mode", Value::Uint32(JOINT_MODE_RUNNING as u32)),
+    ("tool_analog_input_types", Value::Uint32(0)),
+    ("tool_analog_input0", Value::Double(0.0)),
+    ("tool_analog_input1", Value::Double(0.0)),
+    ("tool_output_voltage", Value::Int32(0)),
+    ("tool_output_current", Value::Double(0.0)),
+    ("tool_temperature", Value::Double(JOINT_TEMPERATURE_C)),
+    ("tool_output_mode", Value::Uint8(0)),
+    ("tool_digital_output0_mode", Value::Uint8(0)),
+    ("tool_digital_output1_mode", Value::Uint8(0)),
+    ("collision_detection_ratio", Value::Double(1.0)),
+    ("joint_position_deviation_ratio", Value::Double(0.0)),
 ];
 
 pub(super) fn robot_mode(body: &Body) -> i32 {
-    match (body.is_booting(), body.powered) {
-        (true, _) => ROBOT_MODE_BOOTING,
-        (false, true) => ROBOT_MODE_RUNNING,
-        (false, false) => ROBOT_MODE_POWER_OFF,
+    match (body.is_booting(), body.powered, body.panel.brakes_released) {
+        (true, ..) => ROBOT_MODE_BOOTING,
+        (false, true, true) => ROBOT_MODE_RUNNING,
+        (false, true, false) => ROBOT_MODE_IDLE,
+        (false, false, _) => ROBOT_MODE_POWER_OFF,
     }
 }
 
-fn joint_mode(body: &Body) -> i32 {
-    if body.powered { JOINT_MODE_RUNNING } else { JOINT_MODE_POWER_OFF }
+pub(super) fn joint_mode(body: &Body) -> i32 {
+    match (body.powered, body.panel.brakes_released) {
+        (true, true) => JOINT_MODE_RUNNING,
+        (true, false) => JOINT_MODE_IDLE,
+        (false, _) => JOINT_MODE_POWER_OFF,
+    }
 }
 
 fn safety_mode(body: &Body) -> i32 {

@@ -4,6 +4,7 @@ use tokio::time::{Duration, Instant};
 
 use super::body::Body;
 use super::inputs::{self, ClientId};
+use super::io;
 use super::link::Link;
 use super::network::{Kind, Network, Wire};
 use super::outputs::{self, Snapshot, Source};
@@ -232,6 +233,7 @@ impl RtdeClient {
         match decoded {
             Some((inputs, Ok(values))) if values.iter().all(Value::is_finite) => {
                 inputs.slots.iter().zip(&values).for_each(|(slot, value)| set_input(body, *slot, *value));
+                io::apply(body, &inputs.slots);
                 self.unanswered = self.unanswered.saturating_sub(1);
                 (self.unanswered_since, self.has_answered) = (Instant::now(), true);
             }

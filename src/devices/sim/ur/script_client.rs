@@ -1,24 +1,30 @@
 //! One client of the primary, secondary or realtime interface: programs in, states out.
 
-use bytes::Bytes;
-
 use super::link::Link;
 use super::urscript::Upload;
+
+/// What a client gets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Stream {
+    /// States and messages.
+    Primary,
+    /// States.
+    Secondary,
+    /// The packages of the realtime interface.
+    Realtime,
+}
 
 #[derive(Debug)]
 pub(super) struct ScriptClient {
     pub(super) link: Link,
     upload: Upload,
-    /// Whether it gets robot states; the realtime interface sends none here.
-    streams: bool,
+    stream: Stream,
 }
 
 impl ScriptClient {
-    pub(super) fn new(mut link: Link, greeting: Option<&Bytes>) -> Self {
-        if let Some(greeting) = greeting {
-            link.send(greeting);
-        }
-        Self { link, upload: Upload::default(), streams: greeting.is_some() }
+    pub(super) fn new(mut link: Link, stream: Stream, greeting: &[u8]) -> Self {
+        link.send(greeting);
+        Self { link, upload: Upload::default(), stream }
     }
 
     /// Programs that have become complete.
@@ -28,10 +34,14 @@ impl ScriptClient {
         self.upload.push(&bytes)
     }
 
-    /// Sends a state, unless older ones are still unsent.
-    pub(super) fn send_state(&mut self, state: &Bytes) {
-        if self.streams && !self.link.is_congested() {
-            self.link.send(state);
+    pub(super) fn gets(&self, stream: Stream) -> bool {
+        self.stream == stream
+    }
+
+    /// Sends a package of this stream if the client gets it, unless older ones are still unsent.
+    pub(super) fn send(&mut self, stream: Stream, package: &[u8]) {
+        if self.gets(stream) && !self.link.is_congested() {
+            self.link.send(package);
         }
     }
 }

@@ -21,7 +21,7 @@ use tokio::time::{Duration, Instant};
 use super::body::{Body, Runtime, TICK_NS};
 use super::clock::SimClock;
 use super::config::SimUrConfig;
-use super::dashboard::DashboardClient;
+use super::dashboard::{DashboardClient, Wish};
 use super::handle::{Order, Ordered};
 use super::inputs::ClientId;
 use super::link::Link;
@@ -29,8 +29,9 @@ use super::network::Network;
 use super::outputs::Snapshot;
 use super::pacing::{Due, Pacer};
 use super::primary;
+use super::realtime;
 use super::rtde_client::RtdeClient;
-use super::script_client::ScriptClient;
+use super::script_client::{ScriptClient, Stream};
 use super::truth::Truth;
 use super::urscript::{Program, Slice};
 use crate::devices::rtde::TextLevel;
@@ -126,7 +127,7 @@ impl Server {
             program: None,
             settling: false,
             pacer: Pacer::default(),
-            time_runs: false,
+            time_runs: healthy.lock_step_patience.is_zero(),
             schedule: Schedule::new(&healthy.faults),
             healthy,
             network,
@@ -217,9 +218,12 @@ impl Server {
             self.start_program(&text);
         }
         let body = self.body.clone();
-        let stop = self.dashboards.iter_mut().fold(false, |stop, d| d.serve(&mut body.borrow_mut()) | stop);
-        if stop {
-            self.stop_program();
+        let wishes: Vec<Wish> = self.dashboards.iter_mut().flat_map(|d| d.serve(&mut body.borrow_mut())).collect();
+        for wish in wishes {
+            match wish {
+                Wish::Stop => self.stop_program(),
+                Wish::Play(text) => self.start_program(text),
+            }
         }
         for client in &mut self.rtde {
             client.serve(&mut body.borrow_mut(), &self.network);
@@ -242,11 +246,14 @@ impl Server {
                 self.rtde.push(RtdeClient::new(self.clients, link));
                 self.apply_due();
             }
-            Interface::Primary | Interface::Secondary if self.scripts.len() < MAX_CLIENTS => {
-                self.scripts.push(ScriptClient::new(link, Some(&greeting())));
+            Interface::Primary if self.scripts.len() < MAX_CLIENTS => {
+                self.scripts.push(ScriptClient::new(link, Stream::Primary, &greeting()));
+            }
+            Interface::Secondary if self.scripts.len() < MAX_CLIENTS => {
+                self.scripts.push(ScriptClient::new(link, Stream::Secondary, &greeting()));
             }
             Interface::Realtime if self.scripts.len() < MAX_CLIENTS => {
-                self.scripts.push(ScriptClient::new(link, None));
+                self.scripts.push(ScriptClient::new(link, Stream::Realtime, &[]));
             }
             Interface::Dashboard if self.dashboards.len() < MAX_CLIENTS => {
                 self.dashboards.push(DashboardClient::new(link));
@@ -272,10 +279,21 @@ impl Server {
         });
     }
 
+    /// Texts of the controller go to RTDE clients that are not in their handshake; to the primary
+    /// interface goes what the program says too.
     fn send_texts(&mut self) {
-        let texts = self.body.borrow_mut().take_texts();
+        let (texts, log) = {
+            let mut body = self.body.borrow_mut();
+            (body.take_texts(), body.take_log())
+        };
         for text in &texts {
-            self.rtde.iter_mut().for_each(|client| client.send_text(text, &self.network));
+            let started = self.rtde.iter_mut().filter(|client| client.is_started());
+            started.for_each(|client| client.send_text(text, &self.network));
+        }
+        let now_s = self.body.borrow().now_s();
+        for text in log.iter().chain(texts.iter().map(|t| &t.message)) {
+            let message = primary::text_message(now_s, text);
+            self.scripts.iter_mut().for_each(|client| client.send(Stream::Primary, &message));
         }
     }
 
@@ -285,6 +303,13 @@ impl Server {
             return body.say(TextLevel::Warning, "script ignored: not in remote control, or the robot may not move");
         }
         match Program::new(text, self.body.clone()) {
+            Ok(mut program) if program.is_secondary() => {
+                drop(body);
+                if let Err(why) = program.run_at_once() {
+                    let mut body = self.body.borrow_mut();
+                    body.say(TextLevel::Exception, format!("runtime exception: {why}"));
+                }
+            }
             Ok(program) => {
                 body.program_ended();
                 body.runtime = Runtime::Playing;
@@ -370,7 +395,14 @@ impl Server {
         self.rtde.iter_mut().for_each(|client| client.deliver(&self.network));
         if !self.network.is_mute && body.tick.is_multiple_of(STATE_TICKS) && !self.scripts.is_empty() {
             let state = primary::state(body, &self.truth.individual().believed);
-            self.scripts.iter_mut().for_each(|client| client.send_state(&state));
+            for client in &mut self.scripts {
+                client.send(Stream::Primary, &state);
+                client.send(Stream::Secondary, &state);
+            }
+        }
+        if !self.network.is_mute && self.scripts.iter().any(|client| client.gets(Stream::Realtime)) {
+            let package = realtime::package(body, &Snapshot::take(body));
+            self.scripts.iter_mut().for_each(|client| client.send(Stream::Realtime, &package));
         }
     }
 

@@ -35,8 +35,16 @@ fn driver_config(sim: &SimController) -> UrConfig {
     }
 }
 
+fn connect_only(sim: &SimController, config: &UrConfig) -> Result<UrRobot, RobotError> {
+    UrRobot::connect(config, Arc::new(sim.clock()))
+}
+
+/// Connects and starts the motion script.
 fn connect(sim: &SimController) -> UrRobot {
-    UrRobot::connect(&driver_config(sim), Arc::new(sim.clock())).unwrap()
+    let mut robot = connect_only(sim, &driver_config(sim)).unwrap();
+    robot.start_program().unwrap();
+    turn_until(&mut robot, |s| s.executor_state == ExecutorState::Idle);
+    robot
 }
 
 /// One turn of the loop that a session runs.
@@ -104,7 +112,7 @@ fn a_joint_move_arrives_and_is_steady() {
     let missed = last.joints_rad.iter().zip(to).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(missed < 1e-4, "{missed}");
     assert!(seen.windows(2).all(|w| w[1].0.0 - w[0].0.0 == 8_000_000), "no sample is lost");
-    robot.finish().unwrap();
+    robot.finish(None).unwrap();
     assert_eq!(robot.next_sample().unwrap().1.runtime_state, 1);
 }
 
@@ -176,7 +184,7 @@ fn the_truth_differs_from_what_is_reported_by_the_flaws() {
     let error_m = truth.distance_to_m(&reported);
     assert!((0.1e-3..3e-3).contains(&error_m), "{error_m}");
     assert!(sim.truth().base_from_flange_at(at.seconds() + 0.1).is_none(), "time stands until the heartbeat");
-    let dh = read_kinematics(&driver_config(&sim)).unwrap();
+    let dh = read_kinematics(&driver_config(&sim)).unwrap().dh;
     assert_eq!(dh, sim.truth().individual().believed);
     assert!(dh.forward(&sample.joints_rad).distance_to_m(&reported) < 1e-9, "{dh:?}");
     assert_ne!(dh, Dh::UR5E);
@@ -229,7 +237,7 @@ fn stop_works_in_the_middle_of_a_move() {
     assert!(ended.0.seconds() - began.0.seconds() < 0.3);
     assert_eq!(ended.1.target_joint_speeds_rad_s, [0.0; 6]);
     assert!(ended.1.executor_sequence < sequence, "the move was not acknowledged");
-    robot.finish().unwrap();
+    robot.finish(None).unwrap();
 }
 
 #[test]
@@ -274,13 +282,11 @@ fn faults_are_seen_in_the_samples() {
     let (_, last) = &seen[seen.len() - 1];
     assert_eq!((last.safety_mode, last.runtime_state), (3, 4));
     assert_eq!(last.safety_status_bits, 1 << 2 | 1 << 10);
-    robot.finish().unwrap();
+    robot.finish(None).unwrap();
     handle.power_off();
     let off = turn_until(&mut robot, |s| s.robot_mode == 3);
     assert_eq!(off[off.len() - 1].1.robot_status_bits & 1, 0);
     drop(robot);
-    let refused = UrRobot::connect(&driver_config(&sim), Arc::new(sim.clock()));
-    assert!(matches!(refused, Err(RobotError::Refused { .. })), "{refused:?}");
     handle.emergency_stop();
     handle.recover();
     connect(&sim);
@@ -318,11 +324,19 @@ fn silence_garbage_and_a_closed_connection_are_errors() {
 #[test]
 fn local_control_and_missing_ports_are_told() {
     let sim = simulator(SimUrConfig { remote_control: false, ..SimUrConfig::default() }, 10);
-    let error = UrRobot::connect(&driver_config(&sim), Arc::new(sim.clock())).unwrap_err();
-    assert!(error.to_string().contains("local control"), "{error}");
-    let without = UrConfig { dashboard_port: None, program_within: Duration::from_millis(500), ..driver_config(&sim) };
-    let error = UrRobot::connect(&without, Arc::new(sim.clock())).unwrap_err();
-    assert!(error.to_string().contains("remote control"), "{error}");
+    let mut robot = connect_only(&sim, &driver_config(&sim)).unwrap();
+    assert_eq!(robot.facts().remote_control, Some(false));
+    robot.start_program().unwrap();
+    let seen: Vec<_> = (0..100).map(|_| turn(&mut robot)).collect();
+    assert!(seen.iter().all(|(_, s)| s.runtime_state == 1 && s.executor_state == ExecutorState::Absent));
+    assert!(robot.take_texts().iter().any(|t| t.message.contains("not in remote control")));
+    robot.finish(None).unwrap();
+    drop(robot);
+    let without = UrConfig { dashboard_port: None, ..driver_config(&sim) };
+    let robot = connect_only(&sim, &without).unwrap();
+    assert_eq!((robot.facts().remote_control, robot.facts().serial), (None, None));
+    assert!(robot.facts().kinematics.is_some());
+    drop(robot);
     let config = driver_config(&sim);
     drop(sim);
     let error = UrRobot::connect(&config, Arc::new(SimClock::default())).unwrap_err();

@@ -30,7 +30,7 @@ fn slow_and_deaf_clients_disturb_nobody() {
     flood.set_write_timeout(Some(Duration::from_millis(200))).unwrap();
     let _ = flood.write_all(&asked);
     turn_until(&mut robot, |s| s.controller_time_s > 105.0);
-    robot.finish().unwrap();
+    robot.finish(None).unwrap();
 }
 
 #[test]

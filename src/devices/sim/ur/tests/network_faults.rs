@@ -68,7 +68,7 @@ fn the_driver_moves_over_a_network_that_cuts_and_delays() {
         let seen = turn_until(&mut robot, acknowledged(sequence));
         assert_eq!(seen[seen.len() - 1].1.executor_state, ExecutorState::Steady, "{faults:?}");
         assert_eq!(sim.motions_begun(), 1);
-        robot.finish().unwrap();
+        robot.finish(None).unwrap();
     }
 }
 

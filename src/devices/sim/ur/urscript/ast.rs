@@ -41,10 +41,19 @@ pub(super) enum Expr {
     Name(String),
     List(Vec<Expr>),
     Pose(Vec<Expr>),
+    Struct(Vec<(String, Expr)>),
     Unary(Unary, Box<Expr>),
     Binary(Binary, Box<Expr>, Box<Expr>),
-    Index(Box<Expr>, Box<Expr>),
+    Part(Box<Expr>, Box<Access>),
     Call { name: String, arguments: Vec<Argument> },
+    Run { name: String, arguments: Vec<Argument> },
+}
+
+/// One step into a list, pose or struct.
+#[derive(Debug)]
+pub(super) enum Access {
+    Index(Expr),
+    Member(String),
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,7 +73,7 @@ pub(super) struct Statement {
 
 #[derive(Debug)]
 pub(super) enum Kind {
-    Assign { place: Place, name: String, index: Option<Expr>, value: Expr },
+    Assign { place: Place, name: String, path: Vec<Access>, value: Expr },
     Expr(Expr),
     If { branches: Vec<(Expr, Block)>, otherwise: Block },
     While { condition: Expr, body: Block },
@@ -74,6 +83,11 @@ pub(super) enum Kind {
     Pass,
     Halt,
     Def(Rc<Function>),
+    Thread(Rc<Function>),
+    Join(Expr),
+    Kill(Expr),
+    EnterCritical,
+    ExitCritical,
 }
 
 #[derive(Debug)]
@@ -81,4 +95,12 @@ pub(super) struct Function {
     pub(super) name: String,
     pub(super) parameters: Vec<String>,
     pub(super) body: Block,
+}
+
+/// An uploaded text.
+#[derive(Debug)]
+pub(super) struct Upload {
+    pub(super) main: Function,
+    /// Whether it is a `sec`: it takes no time and leaves the running program alone.
+    pub(super) secondary: bool,
 }

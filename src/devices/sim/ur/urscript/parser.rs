@@ -2,7 +2,7 @@
 
 use std::rc::Rc;
 
-use super::ast::{Argument, Binary, Block, Expr, Function, Kind, Place, Statement, Unary};
+use super::ast::{Access, Argument, Binary, Block, Expr, Function, Kind, Place, Statement, Unary, Upload};
 use super::lexer::{self, Token, Word};
 
 /// Blocks and brackets inside each other; deeper text is refused rather than overflowing the stack.
@@ -11,9 +11,36 @@ const MAX_DEPTH: usize = 50;
 /// Operators or indices in one chain, which nest as deep when they are evaluated.
 const MAX_CHAIN: usize = 50;
 
-const KEYWORDS: [&str; 19] = [
-    "def", "end", "if", "elif", "else", "while", "return", "break", "continue", "pass", "halt", "global", "local",
-    "and", "or", "xor", "not", "True", "False",
+/// Arguments or parameters of one function.
+const MAX_ARGUMENTS: usize = 32;
+
+const KEYWORDS: [&str; 26] = [
+    "def",
+    "end",
+    "if",
+    "elif",
+    "else",
+    "while",
+    "return",
+    "break",
+    "continue",
+    "pass",
+    "halt",
+    "global",
+    "local",
+    "and",
+    "or",
+    "xor",
+    "not",
+    "True",
+    "False",
+    "thread",
+    "sec",
+    "run",
+    "join",
+    "kill",
+    "enter_critical",
+    "exit_critical",
 ];
 
 /// Operators from loosest to tightest.
@@ -32,24 +59,26 @@ const LEVELS: [&[(&str, Binary)]; 5] = [
     &[("*", Binary::Times), ("/", Binary::Over), ("%", Binary::Modulo)],
 ];
 
-/// Reads an uploaded text: one `def` (its body is the program), or plain statements.
-pub(super) fn program(text: &str) -> Result<Function, String> {
+/// Reads an uploaded text: one `def` or `sec` (its body is the program), or plain statements.
+pub(super) fn upload(text: &str) -> Result<Upload, String> {
     let tokens = lexer::tokens(text)?;
     let mut parser = Parser { tokens, next: 0, depth: 0 };
-    let mut statements = parser.block(&[])?;
+    let secondary = parser.is("sec");
+    let mut statements = if secondary { vec![parser.secondary()?] } else { parser.block(&[])? };
     if parser.peek() != &Word::End {
-        return Err(parser.unexpected("a statement"));
+        return Err(parser.unexpected(if secondary { "nothing after a secondary program" } else { "a statement" }));
     }
     let single = statements.len() == 1;
-    match statements.pop() {
+    let main = match statements.pop() {
         Some(Statement { kind: Kind::Def(function), .. }) if single => {
-            Rc::into_inner(function).ok_or_else(|| "the program is shared".to_owned())
+            Rc::into_inner(function).ok_or_else(|| "the program is shared".to_owned())?
         }
         last => {
             statements.extend(last);
-            Ok(Function { name: "script".into(), parameters: Vec::new(), body: statements })
+            Function { name: "script".into(), parameters: Vec::new(), body: statements }
         }
-    }
+    };
+    Ok(Upload { main, secondary })
 }
 
 struct Parser {
@@ -146,44 +175,70 @@ impl Parser {
             Word::Name(name) => name.clone(),
             _ => String::new(),
         };
-        let simple = [("break", Kind::Break), ("continue", Kind::Continue), ("pass", Kind::Pass), ("halt", Kind::Halt)];
+        let simple = [
+            ("break", Kind::Break),
+            ("continue", Kind::Continue),
+            ("pass", Kind::Pass),
+            ("halt", Kind::Halt),
+            ("enter_critical", Kind::EnterCritical),
+            ("exit_critical", Kind::ExitCritical),
+        ];
         for (text, kind) in simple {
             if self.take(text) {
                 return Ok(Statement { line, kind });
             }
         }
         let kind = match word.as_str() {
-            "def" => self.definition()?,
+            "def" => Kind::Def(self.definition("def")?),
+            "thread" => Kind::Thread(self.definition("thread")?),
             "if" => self.branches()?,
             "while" => self.repetition()?,
             "return" => self.returned()?,
+            "join" => Kind::Join(self.after("join")?),
+            "kill" => Kind::Kill(self.after("kill")?),
             "global" | "local" => {
                 self.advance();
                 let place = if word == "global" { Place::Global } else { Place::Local };
                 let name = self.name()?;
                 self.need("=")?;
-                Kind::Assign { place, name, index: None, value: self.expr()? }
+                Kind::Assign { place, name, path: Vec::new(), value: self.expr()? }
             }
             _ => self.assignment_or_expr()?,
         };
         Ok(Statement { line, kind })
     }
 
-    fn definition(&mut self) -> Result<Kind, String> {
-        self.need("def")?;
+    fn secondary(&mut self) -> Result<Statement, String> {
+        let line = self.token().line;
+        Ok(Statement { line, kind: Kind::Def(self.definition("sec")?) })
+    }
+
+    fn after(&mut self, keyword: &str) -> Result<Expr, String> {
+        self.need(keyword)?;
+        self.expr()
+    }
+
+    fn definition(&mut self, keyword: &str) -> Result<Rc<Function>, String> {
+        self.need(keyword)?;
         let name = self.name()?;
         self.need("(")?;
         let mut parameters = Vec::new();
         while !self.take(")") {
             parameters.push(self.name()?);
-            if !self.is(")") {
-                self.need(",")?;
-            }
+            self.comma(")", parameters.len())?;
         }
         self.need(":")?;
         let body = self.block(&["end"])?;
         self.need("end")?;
-        Ok(Kind::Def(Rc::new(Function { name, parameters, body })))
+        Ok(Rc::new(Function { name, parameters, body }))
+    }
+
+    /// Between two of at most so many parameters.
+    fn comma(&mut self, closing: &str, count: usize) -> Result<(), String> {
+        if count > MAX_ARGUMENTS {
+            return Err(self.unexpected(&format!("at most {MAX_ARGUMENTS} parameters")));
+        }
+        if self.is(closing) { Ok(()) } else { self.need(",") }
     }
 
     fn branches(&mut self) -> Result<Kind, String> {
@@ -217,7 +272,8 @@ impl Parser {
 
     fn returned(&mut self) -> Result<Kind, String> {
         self.need("return")?;
-        let nothing = self.token().opens_line || self.is("end") || self.is(";");
+        let closing = ["end", "elif", "else", ";"].iter().any(|word| self.is(word));
+        let nothing = self.token().opens_line || closing;
         Ok(Kind::Return(if nothing { None } else { Some(self.expr()?) }))
     }
 
@@ -227,14 +283,8 @@ impl Parser {
             return Ok(Kind::Expr(target));
         }
         let value = self.expr()?;
-        match target {
-            Expr::Name(name) => Ok(Kind::Assign { place: Place::Nearest, name, index: None, value }),
-            Expr::Index(list, index) => match *list {
-                Expr::Name(name) => Ok(Kind::Assign { place: Place::Nearest, name, index: Some(*index), value }),
-                _ => Err(self.unexpected("a variable before the index")),
-            },
-            _ => Err(self.unexpected("a variable before `=`")),
-        }
+        let (name, path) = place_of(target).ok_or_else(|| self.unexpected("a variable before `=`"))?;
+        Ok(Kind::Assign { place: Place::Nearest, name, path, value })
     }
 
     fn expr(&mut self) -> Result<Expr, String> {
@@ -262,14 +312,28 @@ impl Parser {
             // Looser than a comparison, tighter than `and`.
             return Ok(Expr::Unary(Unary::Not, Box::new(self.deeper(|p| p.binary(2))?)));
         }
-        let mut value = self.primary()?;
+        let value = self.primary()?;
+        self.parts(value)
+    }
+
+    /// Indices and members behind a value; `a[1, 2]` is `a[1][2]`.
+    fn parts(&mut self, mut value: Expr) -> Result<Expr, String> {
         let mut chain = 0;
-        while self.is("[") && !self.token().opens_line {
+        while !self.token().opens_line && (self.is("[") || self.is(".")) {
+            if self.take(".") {
+                self.link(&mut chain)?;
+                value = Expr::Part(Box::new(value), Box::new(Access::Member(self.name()?)));
+                continue;
+            }
             self.need("[")?;
-            self.link(&mut chain)?;
-            let index = self.expr()?;
-            self.need("]")?;
-            value = Expr::Index(Box::new(value), Box::new(index));
+            loop {
+                self.link(&mut chain)?;
+                value = Expr::Part(Box::new(value), Box::new(Access::Index(self.expr()?)));
+                if self.take("]") {
+                    break;
+                }
+                self.need(",")?;
+            }
         }
         Ok(value)
     }
@@ -304,15 +368,41 @@ impl Parser {
         if self.take("False") {
             return Ok(Expr::Bool(false));
         }
+        if self.take("run") {
+            let name = self.name()?;
+            self.need("(")?;
+            return Ok(Expr::Run { name, arguments: self.arguments()? });
+        }
         let name = self.name().map_err(|e| format!("{e} instead of `{name}`"))?;
         let same_line = !self.token().opens_line;
         if name == "p" && same_line && self.is("[") {
-            return Ok(Expr::Pose(self.listed()?));
+            return self.pose_or_item(name);
         }
         if same_line && self.take("(") {
-            return Ok(Expr::Call { name, arguments: self.arguments()? });
+            let arguments = self.arguments()?;
+            return if name == "struct" { self.members(arguments) } else { Ok(Expr::Call { name, arguments }) };
         }
         Ok(Expr::Name(name))
+    }
+
+    /// `p[...]`: a pose has six numbers; with fewer it is an item of a variable that is called `p`.
+    fn pose_or_item(&mut self, name: String) -> Result<Expr, String> {
+        let mut items = self.listed()?;
+        match items.pop() {
+            Some(index) if items.is_empty() => {
+                Ok(Expr::Part(Box::new(Expr::Name(name)), Box::new(Access::Index(index))))
+            }
+            last => {
+                items.extend(last);
+                Ok(Expr::Pose(items))
+            }
+        }
+    }
+
+    fn members(&self, arguments: Vec<Argument>) -> Result<Expr, String> {
+        let named = arguments.into_iter().map(|a| a.name.map(|name| (name, a.value)));
+        let members: Option<Vec<_>> = named.collect();
+        members.map(Expr::Struct).ok_or_else(|| self.unexpected("named members in `struct(...)`"))
     }
 
     fn listed(&mut self) -> Result<Vec<Expr>, String> {
@@ -335,10 +425,21 @@ impl Parser {
                 Expr::Name(name) if self.take("=") => Argument { name: Some(name), value: self.expr()? },
                 value => Argument { name: None, value },
             });
-            if !self.is(")") {
-                self.need(",")?;
-            }
+            self.comma(")", arguments.len())?;
         }
         Ok(arguments)
+    }
+}
+
+/// A variable and the steps into it, where an expression is one.
+fn place_of(target: Expr) -> Option<(String, Vec<Access>)> {
+    match target {
+        Expr::Name(name) => Some((name, Vec::new())),
+        Expr::Part(inside, access) => {
+            let (name, mut path) = place_of(*inside)?;
+            path.push(*access);
+            Some((name, path))
+        }
+        _ => None,
     }
 }
