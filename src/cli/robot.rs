@@ -73,8 +73,8 @@ impl Address {
         let of_cell = cell.filter(|c| c.robot.driver == RobotDriver::Ur).and_then(|c| c.robot.address.clone());
         let Some(host) = self.address.clone().or(of_cell) else {
             let why =
-                if cell.is_some() { "the cell has `driver: sim`, no controller to connect to" } else { "which robot?" };
-            return Err(UsageError(format!("{why}: give a cell with `driver: ur`, or --address HOST")));
+                if cell.is_some() { "the cell has `driver: sim`: give" } else { "give a cell with `driver: ur`, or" };
+            return Err(UsageError(format!("no controller to connect to; {why} --address HOST")));
         };
         let usual = cell.map_or_else(|| UrConfig::at(&host), |cell| UrConfig::of_cell(cell, &host));
         Ok(UrConfig {
@@ -213,17 +213,15 @@ impl Seen {
         let Self { facts, info, sample, findings } = self;
         let known = |v: &Option<String>| v.clone().unwrap_or_else(|| "not told".into());
         let remote = facts.remote_control.map_or("not told", |on| if on { "yes" } else { "no, local control" });
-        let version = facts.controller_version.map(|n| n.to_string()).join(".");
+        let version = || facts.controller_version.map(|n| n.to_string()).join(".");
+        let software = info.polyscope_version.clone().unwrap_or_else(version);
         let cog_mm = sample.payload_cog_m.map(|v| format!("{:.1}", v * 1e3)).join(", ");
         let degrees = sample.joints_rad.map(|q| format!("{:8.3}", q.to_degrees())).join(" ");
         let warmth = sample.joint_temperatures_c.map(|t| format!("{t:8.1}")).join(" ");
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         let teach = if sample.robot_status_bits >> 2 & 1 == 1 { ", teach button pressed" } else { "" };
         let rows = [
-            (
-                "controller",
-                format!("{version} ({}), on for {:.0} s", known(&info.polyscope_version), sample.controller_time_s),
-            ),
+            ("controller", format!("{software}, on for {:.0} s", sample.controller_time_s)),
             ("robot", format!("model {}, serial {}", known(&facts.model), known(&facts.serial))),
             ("remote", remote.into()),
             ("mode", format!("{}{teach}", robot_mode_name(sample.robot_mode))),

@@ -4,8 +4,6 @@
 //! pose is on the disk as soon as it is taken.
 
 mod file;
-#[cfg(test)]
-mod tests;
 
 use std::collections::BTreeMap;
 use std::io::{BufRead as _, IsTerminal as _};
@@ -21,7 +19,7 @@ use super::progress::say;
 use super::robot::{Address, load_cell, pose_words, preflight_findings, wall_clock};
 use super::session::interrupts;
 use super::{Exit, read_text};
-use crate::calibration::observability::{self, MAX_CONDITION, MIN_SECOND_EIGENVALUE};
+use crate::calibration::observability::{self, MAX_CONDITION, MIN_POSES, MIN_SECOND_EIGENVALUE};
 use crate::calibration::settings::Carried;
 use crate::config::Cell;
 use crate::devices::ur::UrMonitor;
@@ -406,6 +404,9 @@ fn status_line(light: &Light, sample: &RobotSample, poses: usize) -> String {
 
 /// What the poses so far can tell about the camera, and what to add.
 fn hint(carried: Carried, poses: &[Transform<Base, Tcp>]) -> String {
+    if poses.len() < MIN_POSES {
+        return format!("hand-eye needs at least {MIN_POSES} poses, better 10 or more");
+    }
     let found = match carried {
         Carried::Target => observability::carried_target(poses),
         Carried::Cameras => observability::carried_cameras(poses),
@@ -440,3 +441,6 @@ fn is_clear(cell: &Cell, arm: &Arm, joints: &Joints) -> Result<(), String> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;

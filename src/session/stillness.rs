@@ -50,9 +50,13 @@ impl History {
         self.samples.clear();
     }
 
-    /// Whether the arm has been still for the whole window that ends with the newest sample.
+    /// Whether the arm has been still for the whole window that ends with the newest sample, in which the program
+    /// that moves it says that it is steady.
     pub(super) fn is_still(&self, limits: &Limits) -> bool {
-        let Some((last, _)) = self.samples.back() else { return false };
+        let Some((last, sample)) = self.samples.back() else { return false };
+        if sample.executor_state != ExecutorState::Steady {
+            return false;
+        }
         let from_s = last.seconds() - limits.window_s;
         let covers = self.samples.front().is_some_and(|(first, _)| first.seconds() <= from_s);
         covers && self.kept_limits(limits, from_s, last.seconds())
@@ -75,6 +79,11 @@ impl History {
             && gaps_small
             && each_still
             && spread <= limits.joint_spread_rad
+    }
+
+    /// Whether the program that moves the arm said from `from_s` to `to_s` that it is steady.
+    pub(super) fn stayed_steady(&self, from_s: f64, to_s: f64) -> bool {
+        self.between(from_s, to_s).all(|(_, sample)| sample.executor_state == ExecutorState::Steady)
     }
 
     /// Samples from `from_s` to `to_s`.
@@ -134,7 +143,7 @@ fn sample_is_still(sample: &RobotSample, limits: &Limits) -> bool {
     let arrived = pairs.all(|(q, target)| (q - target).abs() < limits.joint_error_rad);
     let tcp_slow = norm3(&sample.tcp_speed[..3]) < limits.tcp_speed_m_s;
     let tcp_not_turning = norm3(&sample.tcp_speed[3..]) < limits.tcp_rotation_rad_s;
-    aimed_still && slow && arrived && tcp_slow && tcp_not_turning && sample.executor_state == ExecutorState::Steady
+    aimed_still && slow && arrived && tcp_slow && tcp_not_turning
 }
 
 fn norm3(v: &[f64]) -> f64 {

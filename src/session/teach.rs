@@ -4,9 +4,6 @@
 //! pendant, so there is no target to compare with: it stands still by what is measured alone, under the
 //! limits of [`super::stillness`]. Start at [`Teacher`].
 
-#[cfg(test)]
-mod tests;
-
 use std::collections::{BTreeSet, VecDeque};
 use std::f64::consts::TAU;
 
@@ -355,3 +352,6 @@ fn unrest(sample: &RobotSample, limits: &Limits) -> Option<String> {
     let not_turning = turn < limits.tcp_rotation_rad_s;
     (!not_turning).then(|| format!("the TCP turns at {:.2} deg/s", turn.to_degrees()))
 }
+
+#[cfg(test)]
+mod tests;

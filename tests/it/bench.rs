@@ -16,7 +16,7 @@ use cellcal::runner::{Devices, Live, Nobody, Told};
 use cellcal::session::{Command, Exposure, Outcome};
 
 /// Three poses before the cameras, about 0.1 m apart.
-const THREE_POSES: &str = "name: three\nsegments:\n  - pattern: views\n    poses:\n\
+pub(crate) const THREE_POSES: &str = "name: three\nsegments:\n  - pattern: views\n    poses:\n\
     \x20     - {id: a, view: {centre_mm: [-30, 0, 290]}}\n\
     \x20     - {id: b, view: {centre_mm: [50, 10, 300]}}\n\
     \x20     - {id: c, view: {centre_mm: [-30, -10, 285]}}\n";
@@ -107,7 +107,7 @@ impl Bench {
             script_port: secondary,
             primary_port: primary,
             dashboard_port: Some(dashboard),
-            answer_within: Duration::from_millis(400),
+            answer_within: Duration::from_secs(2),
             ..UrConfig::of_cell(&self.planned.cell, "127.0.0.1")
         }
     }

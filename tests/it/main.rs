@@ -8,6 +8,7 @@ mod faults;
 mod fuzz_corpus;
 mod killed;
 mod real_data;
+mod resume;
 mod rtde_client;
 mod simulated_cell;
 mod simulator;

@@ -11,16 +11,15 @@ use crate::bench::{Bench, shipped};
 /// The program may need this long beyond the still window, s: a sample, and the answer of the controller.
 const BEYOND_WINDOW_S: f64 = 0.05;
 
-/// Times of the triggers after the true end of motion, s; one for each pose.
+/// Times of the triggers after the true end of motion, s; one for each pose. `moves` has one more: the way home.
 fn lags(bench: &Bench, moves: &[f64], triggers: &[f64]) -> Vec<f64> {
     let limits = &bench.planned.cell.robot.stillness;
     let truth = bench.sim.truth();
-    let lag = |(from, trigger): (&f64, &f64)| {
-        let until_s = trigger + 0.4;
-        let last = truth.last_above(limits.joint_speed_rad_s, limits.tcp_speed_m_s, *from, until_s);
+    let lag = |(stretch, trigger): (&[f64], &f64)| {
+        let last = truth.last_above(limits.joint_speed_rad_s, limits.tcp_speed_m_s, stretch[0], stretch[1]);
         trigger - last.expect("the arm has moved")
     };
-    moves.iter().zip(triggers).map(lag).collect()
+    moves.windows(2).zip(triggers).map(lag).collect()
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
@@ -35,12 +34,12 @@ fn captures_are_triggered_after_the_arm_is_truly_still_and_soon() {
     let (mut moves, mut triggers) = (Vec::new(), Vec::new());
     let ran = bench
         .run(|command| match command {
-            Command::Move { .. } => moves.push(clock.seconds()),
+            Command::Move { .. } | Command::Travel { .. } => moves.push(clock.seconds()),
             Command::Capture { .. } => triggers.push(clock.seconds()),
             _ => {}
         })
         .unwrap();
-    assert_eq!((moves.len(), triggers.len()), (39, 39));
+    assert_eq!((moves.len(), triggers.len()), (40, 39));
     let ours = lags(&bench, &moves, &triggers);
     let window_s = bench.planned.cell.robot.stillness.window_s;
     let smallest = ours.iter().copied().fold(f64::INFINITY, f64::min);
@@ -55,7 +54,7 @@ fn captures_are_triggered_after_the_arm_is_truly_still_and_soon() {
         _ => None,
     });
     let mut returned = Vec::new();
-    for begun in &moves {
+    for begun in &moves[..39] {
         let aimed_still = |speeds: &[f64; 6]| speeds.iter().all(|s| *s == 0.0);
         samples.find(|(at, speeds)| at > begun && !aimed_still(speeds)).expect("it moved");
         returned.push(samples.find(|(_, speeds)| aimed_still(speeds)).expect("it stopped").0);

@@ -50,7 +50,7 @@ fn the_state_is_told_in_words_and_in_numbers() {
     let state = seen(&sim, None);
     let text = state.text();
     for part in [
-        "controller  5.12.4.1101 (5.12.4.1101",
+        "controller  5.12.4.1101 (Oct 26 2022), on for 10",
         "robot       model UR5, serial 20235500001\n",
         "remote      yes\n",
         "mode        7 (RUNNING)\n",
@@ -160,6 +160,6 @@ fn a_robot_that_is_not_there_is_an_error_that_says_so() {
     assert_eq!(of_error(&error), Exit::Error);
     assert_eq!(of_error(&ShowKinematics { cell: None, at: nobody, json }.execute().unwrap_err()), Exit::Error);
     let nowhere = Address::default();
-    assert!(nowhere.config(None).unwrap_err().to_string().contains("--address HOST"));
+    assert!(nowhere.config(None).unwrap_err().to_string().contains("a cell with `driver: ur`, or --address HOST"));
     assert!(nowhere.config(Some(&cell())).unwrap_err().to_string().contains("`driver: sim`"));
 }

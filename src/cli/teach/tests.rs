@@ -114,10 +114,10 @@ fn move_by(sim: &SimController, by: Joints, speed_rad_s: f64) {
     let home = cell().robot.home_joints_rad;
     let to: Vec<_> = home.iter().zip(by).map(|(q, d)| (q + d).to_string()).collect();
     let script = format!("def hand():\n  movej([{}], 4.0, {speed_rad_s})\nend\n", to.join(","));
+    let moved = sim.handle().motions_begun();
     let mut port = TcpStream::connect((sim.address(), sim.ports().secondary)).unwrap();
     port.read_exact(&mut [0]).unwrap();
     port.write_all(script.as_bytes()).unwrap();
-    let moved = sim.handle().motions_begun();
     wait_for("the motion", || sim.handle().motions_begun() > moved);
 }
 
@@ -286,7 +286,7 @@ fn lines_are_orders() {
 fn the_hint_says_which_turns_are_missing() {
     let turned = |v: [f64; 3]| Transform::from_pose_vector([0.4, 0.0, 0.3, v[0], v[1], v[2]]);
     let flat: Vec<_> = [0.0, 0.3, 0.6, 0.9].map(|a| turned([0.0, 0.0, a])).into();
-    assert!(hint(Carried::Target, &flat[..2]).contains("too few"));
+    assert!(hint(Carried::Target, &flat[..2]).contains("at least 3 poses"));
     assert!(hint(Carried::Target, &flat).contains("add at least two poses"), "{}", hint(Carried::Target, &flat));
     let round = [turned([0.0; 3]), turned([0.5, 0.0, 0.0]), turned([0.0, 0.5, 0.0]), turned([0.0, 0.0, 0.5])];
     assert!(hint(Carried::Cameras, &round).starts_with("enough"), "{}", hint(Carried::Cameras, &round));

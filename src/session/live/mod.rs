@@ -312,7 +312,8 @@ impl Live {
         if !after_decision {
             return Some(self.repeat(pose, attempt, "the exposure began before the arm was known to be still"));
         }
-        if !self.history.kept_limits(&self.limits.through_capture(), decided.seconds(), end_s) {
+        let kept = self.history.kept_limits(&self.limits.through_capture(), decided.seconds(), end_s);
+        if !(kept && self.history.stayed_steady(decided.seconds(), end_s)) {
             return Some(self.repeat(pose, attempt, "the arm moved during the exposure"));
         }
         // A short exposure lies between two samples: then the time since the decision speaks for it.

@@ -41,6 +41,11 @@ impl Live {
             return Ok(VecDeque::new());
         }
         let near_start = preflight::too_far(sample, &self.expected).is_none();
+        if self.resumed
+            && let Ok(legs) = self.back_on_the_way(&joints)
+        {
+            return Ok(legs);
+        }
         if near_start {
             self.position = Position::at_start(joints);
             return self.clear_to_start(&joints).map_err(Some);
@@ -68,7 +73,7 @@ impl Live {
     }
 
     /// Back to the last place along the way on which the arm stopped.
-    fn back_on_the_way(&mut self, joints: &Joints) -> Result<VecDeque<Leg>, Finding> {
+    fn back_on_the_way(&self, joints: &Joints) -> Result<VecDeque<Leg>, Finding> {
         let Position { node, node_joints, leg } = self.position.clone();
         let goal = leg.map_or(node_joints, |leg| leg.joints_rad);
         let away = off_way_rad(joints, &node_joints, &goal);

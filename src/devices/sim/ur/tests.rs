@@ -4,6 +4,7 @@ mod hostile;
 mod network_faults;
 mod raw;
 mod robot_faults;
+mod services;
 
 use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
