@@ -50,7 +50,7 @@ fn fixed_waits() -> f64 {
     let bench = Bench::with(&shipped("paper-39.yaml"), |_| ());
     let mut robot = bench.connect().unwrap();
     robot.start_program().unwrap();
-    let mut turn = |robot: &mut cellcal::devices::ur::UrRobot| {
+    let turn = |robot: &mut cellcal::devices::ur::UrRobot| {
         let sample = robot.next_sample().unwrap();
         robot.heartbeat().unwrap();
         sample

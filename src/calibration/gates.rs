@@ -273,9 +273,9 @@ mod tests {
             kinematics_m: Some(9.0),
             kinematics_rad: Some(9.0),
         };
-        assert_eq!(judge(&every_gate(), &bad).reasons.len(), 10);
+        assert_eq!(judge(&every_gate(), &bad).reasons.len(), 12);
         let nothing = judge(&every_gate(), &Measured::default());
-        assert_eq!((nothing.status, nothing.reasons.len()), (Status::Inconclusive, 10));
+        assert_eq!((nothing.status, nothing.reasons.len()), (Status::Inconclusive, 12));
         assert_eq!(nothing.reasons[4], "target_to_tcp sigma could not be computed; its gate is 1.50 mm");
     }
 

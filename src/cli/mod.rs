@@ -12,11 +12,13 @@ mod rehearsal;
 mod replay;
 mod report;
 mod resume;
+mod robot;
 mod run;
 mod schema;
 mod session;
 mod sim;
 mod target;
+mod teach;
 
 use clap::{Parser, Subcommand};
 
@@ -39,6 +41,11 @@ enum Command {
     Run(run::Run),
     /// Goes on with a session that ended early: pre-flight again, then the missing poses only.
     Resume(resume::Resume),
+    /// Looks at a robot without touching it.
+    #[command(subcommand)]
+    Robot(robot::Robot),
+    /// Writes a trajectory from poses to which the arm is guided by hand.
+    Teach(teach::Teach),
     /// Simulates devices on their real protocols.
     #[command(subcommand)]
     Sim(sim::Sim),
@@ -88,6 +95,8 @@ fn execute(arguments: Arguments) -> anyhow::Result<Exit> {
     match arguments.command {
         Command::Run(command) => command.execute(),
         Command::Resume(command) => command.execute(),
+        Command::Robot(command) => command.execute(),
+        Command::Teach(command) => command.execute(),
         Command::Sim(command) => command.execute(),
         Command::Replay(command) => command.execute(),
         Command::Import(command) => command.execute(),

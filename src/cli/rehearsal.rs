@@ -7,7 +7,7 @@ use crate::plan::Plan;
 use crate::session::{Outcome, PoseRecord};
 
 /// Prints the poses of a rehearsal; the exit code says how it ended.
-pub(super) fn finish(outcome: &Outcome, plan: &Plan, json: bool, noted: bool) -> anyhow::Result<Exit> {
+pub(super) fn finish(outcome: &Outcome, plan: &Plan, json: bool, notes: &[String]) -> anyhow::Result<Exit> {
     let reached = outcome.poses.iter().filter(|p| p.capture.is_some()).count();
     let rows = plan.poses.iter().map(|p| p.id.as_str()).zip(&outcome.poses);
     if json {
@@ -20,7 +20,7 @@ pub(super) fn finish(outcome: &Outcome, plan: &Plan, json: bool, noted: bool) ->
         print(&text)?;
     }
     let ended = exit::of_end(&outcome.end).unwrap_or(Exit::Ok);
-    let loss = reached < outcome.poses.len() || noted;
+    let loss = reached < outcome.poses.len() || !notes.is_empty();
     Ok(if ended == Exit::Ok && loss { Exit::Warnings } else { ended })
 }
 

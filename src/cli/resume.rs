@@ -94,11 +94,10 @@ impl Resume {
         let (outcome, path) = close(driven, live)?;
         tell(&outcome.end, &path);
         say(&format!("recorded: {}", path.display()));
-        let noted = !steps.notes.is_empty();
         if options.rehearsal {
-            return rehearsal::finish(&outcome, &plan, self.json, noted);
+            return rehearsal::finish(&outcome, &plan, self.json, &steps.notes);
         }
-        solve(&path, self.json, noted)
+        solve(&path, self.json, &steps.notes)
     }
 
     fn refuse_other_cell(&self, texts: &CellTexts) -> anyhow::Result<()> {

@@ -19,6 +19,9 @@ use crate::runner::solve::{sha256, solve_recording};
 use crate::runner::{Live, Told};
 use crate::session::Outcome;
 
+/// Share of the caps at which taught poses are driven to for the first time.
+const VERIFY_SPEED: f64 = 0.2;
+
 /// Runs a session: moves the arm, captures, solves, judges.
 #[derive(Debug, Args)]
 pub(super) struct Run {
@@ -27,6 +30,9 @@ pub(super) struct Run {
     /// Walks the poses without cameras: pre-flight, every move, stillness; nothing is solved.
     #[arg(long)]
     rehearse: bool,
+    /// Walks this trajectory instead of those of the cell.
+    #[arg(long, requires = "rehearse")]
+    trajectory: Option<PathBuf>,
     /// Asks before every move.
     #[arg(long)]
     step: bool,
@@ -69,8 +75,29 @@ fn share(text: &str) -> Result<f64, String> {
 }
 
 impl Run {
+    /// Drives slowly to the poses of a trajectory, one by one, asking before every move.
+    pub(super) fn verify(cell: PathBuf, trajectory: PathBuf) -> Self {
+        Self {
+            cell,
+            rehearse: true,
+            trajectory: Some(trajectory),
+            step: true,
+            speed: VERIFY_SPEED,
+            unattended: false,
+            time_scale: None,
+            seed: None,
+            sim_faults: Vec::new(),
+            output: "sessions".into(),
+            json: false,
+        }
+    }
+
     pub(super) fn execute(self) -> anyhow::Result<Exit> {
-        let texts = cell::load(&self.cell)?;
+        let mut texts = cell::load(&self.cell)?;
+        if let Some(path) = &self.trajectory {
+            texts.folder = PathBuf::new();
+            texts.trajectories = vec![(path.display().to_string(), super::read_text(path)?)];
+        }
         let options = RunOptions { speed: self.speed, confirm_each: self.step, rehearsal: self.rehearse };
         let Planned { cell, plan, setup } = texts.plan_with(&options)?;
         self.refuse(&cell)?;
@@ -96,17 +123,18 @@ impl Run {
         let (outcome, path) = close(outcome, live)?;
         tell(&outcome.end, &path);
         say(&format!("recorded: {}", path.display()));
-        let noted = !steps.notes.is_empty();
         if self.rehearse {
-            return rehearsal::finish(&outcome, &plan, self.json, noted);
+            return rehearsal::finish(&outcome, &plan, self.json, &steps.notes);
         }
-        solve(&path, self.json, noted)
+        solve(&path, self.json, &steps.notes)
     }
 
     fn refuse(&self, cell: &Cell) -> Result<(), UsageError> {
         let refuse = |why: &str| Err(UsageError(format!("{}: {why}", self.cell.display())));
         if self.unattended && cell.robot.interlocks.is_empty() {
-            return refuse("robot.interlocks is missing: nobody watches an unattended session, so an input must say that the cell is released");
+            return refuse(
+                "robot.interlocks is missing: nobody watches an unattended session, so an input must say that the cell is released",
+            );
         }
         if !self.sim_faults.is_empty() && cell.robot.driver != RobotDriver::Sim {
             return refuse("--sim-fault is for the simulated robot");
@@ -152,12 +180,12 @@ pub(super) fn close(
 }
 
 /// Solves a closed recording, as a replay does.
-pub(super) fn solve(path: &Path, json: bool, noted: bool) -> anyhow::Result<Exit> {
+pub(super) fn solve(path: &Path, json: bool, notes: &[String]) -> anyhow::Result<Exit> {
     let bar = Bar::new("looking at images");
     let solved = solve_recording(path, &mut |_| Ok(Vec::new()), None, &|done, total| bar.show(done, total))?;
     replay::finish(&solved, Some(&replay::folder_of(path)), json)?;
     let exit = exit::of_session(&solved, true);
-    Ok(if noted && exit == Exit::Ok { Exit::Warnings } else { exit })
+    Ok(if !notes.is_empty() && exit == Exit::Ok { Exit::Warnings } else { exit })
 }
 
 fn attachments(texts: &CellTexts) -> Vec<Attachment> {

@@ -17,6 +17,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::exit::UsageError;
 use super::progress::say;
 use super::robot::{Address, load_cell, pose_words, preflight_findings, wall_clock};
+use super::run::Run;
 use super::session::interrupts;
 use super::{Exit, read_text};
 use crate::calibration::observability::{self, MAX_CONDITION, MIN_POSES, MIN_SECOND_EIGENVALUE};
@@ -25,6 +26,7 @@ use crate::config::Cell;
 use crate::devices::ur::UrMonitor;
 use crate::geometry::kinematics::{Arm, Joints};
 use crate::geometry::{Base, Flange, Tcp, Transform};
+use crate::plan::{Clearance, Refusal};
 use crate::session::{Advice, Light, RobotSample, Stamp, Taken, TeachError, Teacher};
 
 pub(super) use file::put;
@@ -74,12 +76,18 @@ pub(super) struct Teach {
     /// Replaces the file.
     #[arg(long)]
     force: bool,
+    /// Takes nothing: drives slowly to the poses of the file, one by one, and asks before every move.
+    #[arg(long, conflicts_with_all = ["append", "force", "name", "address", "rtde_port", "primary_port", "dashboard_port"])]
+    verify: bool,
     #[command(flatten)]
     at: Address,
 }
 
 impl Teach {
     pub(super) fn execute(self) -> anyhow::Result<Exit> {
+        if self.verify {
+            return Run::verify(self.cell, self.output).execute();
+        }
         let cell = load_cell(&self.cell)?;
         let arm = arm_of(&self.cell, &cell)?;
         let mode = match (self.append, self.force) {
@@ -165,7 +173,7 @@ struct Session<'a> {
     teacher: Teacher,
     file: TaughtFile,
     cell: &'a Cell,
-    arm: &'a Arm,
+    clearance: Clearance,
     /// When, for the file.
     began: String,
     /// Nobody is there to try again: `t` waits, and the first mistake is the end.
@@ -190,6 +198,7 @@ impl<'a> Session<'a> {
         if let Ok(style) = ProgressStyle::with_template("{wide_msg}") {
             status.set_style(style);
         }
+        let clearance = Clearance::of(cell, arm);
         let (waiting, doubts, patience_s) = (None, BTreeMap::new(), PATIENCE_S);
         let (unwritten, shown) = (false, None);
         Self {
@@ -197,7 +206,7 @@ impl<'a> Session<'a> {
             teacher,
             file,
             cell,
-            arm,
+            clearance,
             began,
             scripted,
             patience_s,
@@ -277,9 +286,9 @@ impl<'a> Session<'a> {
     }
 
     fn take(&mut self, sample: &RobotSample, name: Option<&str>) -> anyhow::Result<Option<Exit>> {
-        let (cell, arm) = (self.cell, self.arm);
-        let is_clear = |joints: &Joints| is_clear(cell, arm, joints);
-        let hint = |poses: &[Transform<Base, Tcp>]| Some(hint(cell.carried, poses));
+        let (carried, clearance) = (self.cell.carried, &self.clearance);
+        let is_clear = |joints: &Joints| is_clear(clearance, joints);
+        let hint = |poses: &[Transform<Base, Tcp>]| Some(hint(carried, poses));
         match self.teacher.take(name, Advice { is_clear: &is_clear, hint: &hint }) {
             Ok(taken) => self.keep(sample, taken).map(|()| None),
             Err(error @ (TeachError::Name { .. } | TeachError::Doubled { .. })) if self.scripted => {
@@ -420,26 +429,18 @@ fn hint(carried: Carried, poses: &[Transform<Base, Tcp>]) -> String {
     }
 }
 
-/// Whether no joint from the elbow on, nor the TCP, is inside a keep-out box; the boxes grown by their margin.
-fn is_clear(cell: &Cell, arm: &Arm, joints: &Joints) -> Result<(), String> {
-    let robot = &cell.robot;
-    let frames = arm.joint_frames(joints);
-    let tcp = (arm.forward(joints) * robot.tcp_offset).translation_m();
-    let names = ["elbow", "wrist 1", "wrist 2", "wrist 3"];
-    let origins = frames[2..].iter().map(|frame| frame.translation.vector.into());
-    let points = names.into_iter().zip(origins).chain([("TCP", tcp)]);
-    for (part, at_m) in points {
-        let inside = |i: usize, min: f64, max: f64| {
-            let margin_m = robot.keep_out_margin_m;
-            (min - margin_m..=max + margin_m).contains(&at_m[i])
-        };
-        let hit = robot.keep_out.iter().find(|k| (0..3).all(|i| inside(i, k.min_m[i], k.max_m[i])));
-        if let Some(keep_out) = hit {
-            let name = &keep_out.name;
-            return Err(format!("the {part} is inside the keep-out box `{name}` or its margin; it will be refused"));
+/// Whether arm, tool and load keep off the keep-out boxes; joint limits are the [`Teacher`]'s to tell.
+fn is_clear(clearance: &Clearance, joints: &Joints) -> Result<(), String> {
+    match clearance.at(joints) {
+        Ok(()) | Err(Refusal::JointLimit { .. }) => Ok(()),
+        Err(Refusal::KeepOut { name, part, gap_m, .. }) if gap_m > 0.0 => {
+            Err(format!("the {part} is only {:.1} mm from the keep-out box `{name}`; it will be refused", gap_m * 1e3))
         }
+        Err(Refusal::KeepOut { name, part, .. }) => {
+            Err(format!("the {part} is inside the keep-out box `{name}`; it will be refused"))
+        }
+        Err(other) => Err(format!("it {other}")),
     }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -19,6 +19,7 @@ mod tests;
 mod trajectory;
 mod trajectory_convert;
 mod trajectory_file;
+mod write;
 
 pub use cell::{
     Cell, ChecksCell, DisplayCell, EventCameraCell, EventDriver, FrameCameraCell, FrameDriver, IntrinsicsSource,
@@ -27,6 +28,7 @@ pub use cell::{
 pub use error::{ConfigError, Problem};
 pub use robot::{DigitalOutput, External, Interlock, Line, MotionBy, Signals, ToolShape};
 pub use trajectory::{BoardView, Motion, Pair, Pattern, Ring, Segment, Start, Stop, Trajectory};
+pub use write::{AppendError, TaughtPose, append_yaml, is_name, trajectory_yaml};
 
 pub use crate::calibration::settings::{Carried, Gates, PoseKind, Settings};
 

@@ -169,7 +169,8 @@ fn write(writer: &mut Writer, encode: Encode, job: Job) -> Result<(), RecordingE
         Job::Sync => writer.sync(),
         Job::Image(at, image) => {
             let path = writer.partial();
-            let broken = |why: String| RecordingError::Broken { path, what: format!("an image cannot be stored: {why}") };
+            let broken =
+                |why: String| RecordingError::Broken { path, what: format!("an image cannot be stored: {why}") };
             writer.image(at, &encode(&image).map_err(broken)?, "png")
         }
     }

@@ -8,8 +8,8 @@ use crate::board::Board;
 use crate::calibration::checks::{BaseDistance, DistanceScore, PairDistance, PoseDistance, TargetInBase, TargetToTcp};
 use crate::calibration::checks::{PlaceScore, PosePlace};
 use crate::calibration::gates::{Status, Verdict};
-use crate::calibration::kinematics::{ConstantPart, KinematicsResult, ModelMismatch, PoseMismatch};
 use crate::calibration::hand_eye::{HandEyeMethod, Influence, METHODS, Uncertainty, UncertaintyMethod};
+use crate::calibration::kinematics::{ConstantPart, KinematicsResult, ModelMismatch, PoseMismatch};
 use crate::calibration::observability::Observability;
 use crate::calibration::result::{
     CalibrationResult, CameraResult, ChecksResult, HandEyeResult, PoseCamera, PoseResult, Provenance, StereoResult,

@@ -153,35 +153,35 @@ impl<'a> Counter<'a> {
 }
 
 impl<'a> Part<'a> {
-/// Every exposure in order, with its image; the images of a capture stand before it in the recording.
+    /// Every exposure in order, with its image; the images of a capture stand before it in the recording.
     fn shots(&self, outcome: &Outcome) -> Vec<Shot<'a>> {
-    let mut images = Vec::new();
-    let (mut shots, mut capture) = (Vec::new(), self.captures_before);
-    for entry in self.entries {
-        match entry {
-            Entry::Image(at, bytes) => images.push((*at, bytes.as_slice())),
-            Entry::Input(_, Input::Captured(captured)) => {
-                let record = outcome.poses.get(captured.pose).filter(|r| r.capture == Some(capture));
-                for exposure in &captured.exposures {
-                    let still = record.and_then(|r| r.evidence.as_ref()).is_none_or(|e| {
-                        // Half a nanosecond of slack: recorded times are whole nanoseconds.
-                        exposure.start_s >= e.from_s - 5e-10 && exposure.end_s <= e.to_s + 5e-10
-                    });
-                    let pose = (record.is_some() && still).then_some(captured.pose);
-                    // By its stamp: where a record is lost, the images of another capture must not slip in.
-                    let at = Stamp::from_seconds(exposure.start_s);
-                    let image =
-                        images.iter().find(|(stamp, _)| exposure.image && *stamp == at).map(|(_, bytes)| *bytes);
-                    shots.push(Shot { pose, taken_at: captured.pose, exposure: *exposure, image });
+        let mut images = Vec::new();
+        let (mut shots, mut capture) = (Vec::new(), self.captures_before);
+        for entry in self.entries {
+            match entry {
+                Entry::Image(at, bytes) => images.push((*at, bytes.as_slice())),
+                Entry::Input(_, Input::Captured(captured)) => {
+                    let record = outcome.poses.get(captured.pose).filter(|r| r.capture == Some(capture));
+                    for exposure in &captured.exposures {
+                        let still = record.and_then(|r| r.evidence.as_ref()).is_none_or(|e| {
+                            // Half a nanosecond of slack: recorded times are whole nanoseconds.
+                            exposure.start_s >= e.from_s - 5e-10 && exposure.end_s <= e.to_s + 5e-10
+                        });
+                        let pose = (record.is_some() && still).then_some(captured.pose);
+                        // By its stamp: where a record is lost, the images of another capture must not slip in.
+                        let at = Stamp::from_seconds(exposure.start_s);
+                        let image =
+                            images.iter().find(|(stamp, _)| exposure.image && *stamp == at).map(|(_, bytes)| *bytes);
+                        shots.push(Shot { pose, taken_at: captured.pose, exposure: *exposure, image });
+                    }
+                    images.clear();
+                    capture += 1;
                 }
-                images.clear();
-                capture += 1;
+                Entry::Input(..) | Entry::Command(_) | Entry::Events(_) => {}
             }
-            Entry::Input(..) | Entry::Command(_) | Entry::Events(_) => {}
         }
+        shots
     }
-    shots
-}
 }
 
 fn frame_views(
@@ -284,7 +284,9 @@ fn windows_of_edges(part: &Part<'_>, setup: &Setup, outcome: &Outcome, seen: &mu
     }
     let mut windows = Vec::new();
     for (pose, record) in outcome.poses.iter().enumerate() {
-        let Some(edges) = record.capture.and_then(|c| per_capture.get(c.checked_sub(part.captures_before)?)) else { continue };
+        let Some(edges) = record.capture.and_then(|c| per_capture.get(c.checked_sub(part.captures_before)?)) else {
+            continue;
+        };
         let rising: Vec<i64> =
             edges.iter().filter(|t| t.rising && t.channel == setup.trigger_channel).map(|t| t.t_us).collect();
         let window = |w: &[i64]| (pose, Window { start_us: w[0], end_us: w[1], assumed_end: false });

@@ -92,16 +92,16 @@ impl World for Replay {
 pub(super) fn is_same(recorded: &Command, now: &Command) -> bool {
     let near = |a: &[f64; 6], b: &[f64; 6]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-9);
     let same_target = |to_a: &MoveTarget, to_b: &MoveTarget| {
-            let numbers = |target: &MoveTarget| match *target {
-                MoveTarget::Joint { joints_rad, speed_rad_s, acceleration_rad_s2 } => {
-                    (true, joints_rad, [speed_rad_s, acceleration_rad_s2, 0.0, 0.0, 0.0, 0.0])
-                }
-                MoveTarget::Linear { tcp_pose, speed_m_s, acceleration_m_s2 } => {
-                    (false, tcp_pose, [speed_m_s, acceleration_m_s2, 0.0, 0.0, 0.0, 0.0])
-                }
-            };
-            let ((joint_a, q_a, v_a), (joint_b, q_b, v_b)) = (numbers(to_a), numbers(to_b));
-            joint_a == joint_b && near(&q_a, &q_b) && near(&v_a, &v_b)
+        let numbers = |target: &MoveTarget| match *target {
+            MoveTarget::Joint { joints_rad, speed_rad_s, acceleration_rad_s2 } => {
+                (true, joints_rad, [speed_rad_s, acceleration_rad_s2, 0.0, 0.0, 0.0, 0.0])
+            }
+            MoveTarget::Linear { tcp_pose, speed_m_s, acceleration_m_s2 } => {
+                (false, tcp_pose, [speed_m_s, acceleration_m_s2, 0.0, 0.0, 0.0, 0.0])
+            }
+        };
+        let ((joint_a, q_a, v_a), (joint_b, q_b, v_b)) = (numbers(to_a), numbers(to_b));
+        joint_a == joint_b && near(&q_a, &q_b) && near(&v_a, &v_b)
     };
     match (recorded, now) {
         (Command::Move { pose: a, target: to_a }, Command::Move { pose: b, target: to_b }) => {

@@ -423,11 +423,7 @@ impl RunOptions {
     pub fn of_facts(facts: &BTreeMap<String, String>) -> Self {
         let flag = |name: &str| facts.get(name).is_some_and(|v| v == "true");
         let speed = facts.get("speed").and_then(|v| v.parse().ok()).filter(|s: &f64| *s > 0.0 && *s <= 1.0);
-        Self {
-            speed: speed.unwrap_or(1.0),
-            confirm_each: flag("confirm_each"),
-            rehearsal: flag("rehearsal"),
-        }
+        Self { speed: speed.unwrap_or(1.0), confirm_each: flag("confirm_each"), rehearsal: flag("rehearsal") }
     }
 
     fn slow_down(&self, cell: &mut Cell) {
@@ -443,24 +439,10 @@ impl RunOptions {
     }
 }
 
-fn machine(cell: &Cell, arm: &Arm, plan: &Plan, run: &RunOptions) -> MachineSpec {
+/// What a cell says that its robot must be like.
+pub fn expected_of(cell: &Cell) -> Expected {
     let robot = &cell.robot;
-    let external = match &robot.motion {
-        MotionBy::Script => None,
-        MotionBy::External(external) => Some(external),
-    };
-    let stop = |pose: &plan::PlannedPose| Stop { target: pose.target, joints_rad: pose.joints_rad, move_s: pose.move_s };
-    let home = plan.home.as_ref().filter(|_| external.is_none());
-    let (ways_cell, ways_arm) = (cell.clone(), arm.clone());
-    let route = Route {
-        stops: plan.poses.iter().map(stop).collect(),
-        start_joints_rad: robot.home_joints_rad,
-        home: home.map(|h| Stop { target: h.target, joints_rad: robot.home_joints_rad, move_s: h.move_s }),
-        ways: Ways::new(move |from, to, speed| {
-            plan::joint_move(&ways_cell, &ways_arm, from, to, speed).map_err(|why| why.to_string())
-        }),
-    };
-    let expected = Expected {
+    Expected {
         tcp_offset: robot.tcp_offset.pose_vector(),
         payload_kg: robot.payload_kg,
         payload_cog_m: robot.payload_cog_m,
@@ -475,13 +457,33 @@ fn machine(cell: &Cell, arm: &Arm, plan: &Plan, run: &RunOptions) -> MachineSpec
         speed_slider: robot.speed_slider,
         interlocks: robot.interlocks.clone(),
         gripper_empty: robot.gripper_empty.clone(),
-        external: external.is_some(),
+        external: matches!(robot.motion, MotionBy::External(_)),
+    }
+}
+
+fn machine(cell: &Cell, arm: &Arm, plan: &Plan, run: &RunOptions) -> MachineSpec {
+    let robot = &cell.robot;
+    let external = match &robot.motion {
+        MotionBy::Script => None,
+        MotionBy::External(external) => Some(external),
+    };
+    let stop =
+        |pose: &plan::PlannedPose| Stop { target: pose.target, joints_rad: pose.joints_rad, move_s: pose.move_s };
+    let home = plan.home.as_ref().filter(|_| external.is_none());
+    let (ways_cell, ways_arm) = (cell.clone(), arm.clone());
+    let route = Route {
+        stops: plan.poses.iter().map(stop).collect(),
+        start_joints_rad: robot.home_joints_rad,
+        home: home.map(|h| Stop { target: h.target, joints_rad: robot.home_joints_rad, move_s: h.move_s }),
+        ways: Ways::new(move |from, to, speed| {
+            plan::joint_move(&ways_cell, &ways_arm, from, to, speed).map_err(|why| why.to_string())
+        }),
     };
     let patience_s = external.map_or(Options::default().patience_s, |e| e.patience_s);
     MachineSpec::Live {
         route: Box::new(route),
         limits: robot.stillness.clone(),
-        expected: Box::new(expected),
+        expected: Box::new(expected_of(cell)),
         options: Options { confirm_each: run.confirm_each, patience_s },
         load: robot.load_program.clone(),
     }

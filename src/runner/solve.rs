@@ -176,7 +176,20 @@ fn problem(setup: Setup, outcome: &Outcome, seen: &Seen) -> Problem {
     let poses = setup.poses.iter().enumerate().map(pose).collect();
     let kinematics = kinematics(&setup, outcome);
     let Setup { name, board, carried, robot_poses, cameras, pairs, checks, settings, gates, known, .. } = setup;
-    Problem { cell: name, board, carried, robot_poses, cameras, poses, pairs, checks, settings, gates, known, kinematics }
+    Problem {
+        cell: name,
+        board,
+        carried,
+        robot_poses,
+        cameras,
+        poses,
+        pairs,
+        checks,
+        settings,
+        gates,
+        known,
+        kinematics,
+    }
 }
 
 /// The models of the arm beside what its controller said at every captured pose.

@@ -11,6 +11,7 @@ mod preflight;
 mod route;
 mod salvage;
 mod stillness;
+mod teach;
 pub mod types;
 
 pub use imported::Imported;
@@ -20,6 +21,7 @@ pub use preflight::{Expected, Finding, findings as preflight_findings};
 pub use route::{Route, Stop, Ways};
 pub use salvage::Salvage;
 pub use stillness::Evidence;
+pub use teach::{Advice, Light, Taken, TeachError, Teacher};
 pub use types::{
     Captured, Command, Declared, ExecutorState, Exposure, Input, Kinematics, MoveTarget, RobotFacts, RobotSample, Stamp,
 };

@@ -173,9 +173,12 @@ mod tests {
             let target = if linear == Some(i) { line } else { joint(joints_rad) };
             Stop { target, joints_rad, move_s: 1.0 }
         };
-        let ways = Ways::new(|from, to, _| {
-            if (from[0] - to[0]).abs() < 0.15 { Ok((joint(*to), 2.0)) } else { Err("blocked".into()) }
-        });
+        let ways =
+            Ways::new(
+                |from, to, _| {
+                    if (from[0] - to[0]).abs() < 0.15 { Ok((joint(*to), 2.0)) } else { Err("blocked".into()) }
+                },
+            );
         let home = Stop { target: joint([0.0; 6]), joints_rad: [0.0; 6], move_s: 3.0 };
         Route { stops: (0..5).map(stop).collect(), start_joints_rad: [0.0; 6], home: Some(home), ways }
     }

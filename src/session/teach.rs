@@ -105,7 +105,7 @@ pub enum TeachError {
 }
 
 /// Says what poses to add, from those that there are; `None` where there is nothing to say.
-pub type Hint<'a> = dyn Fn(&[Transform<Base, Tcp>]) -> Option<String> + 'a;
+type Hint<'a> = dyn Fn(&[Transform<Base, Tcp>]) -> Option<String> + 'a;
 
 /// What others know about poses.
 #[derive(Clone, Copy)]

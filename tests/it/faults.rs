@@ -80,7 +80,10 @@ fn table() -> Vec<(&'static str, [Must; 6])> {
         ("wrong_type:actual_q", handshake("actual_q is DOUBLE")),
         ("no_start", handshake("start of RTDE outputs")),
         ("nan:actual_q", network(NotConnect("actual_q is not finite"), "actual_q is not finite")),
-        ("clock_back:5", [Pass, Refuse("connection"), Stop("restarted"), Stop("restarted"), Stop("restarted"), Stop("restarted")]),
+        (
+            "clock_back:5",
+            [Pass, Refuse("connection"), Stop("restarted"), Stop("restarted"), Stop("restarted"), Stop("restarted")],
+        ),
         ("restart", network(Refuse("booting"), LOST)),
         ("boot", network(Refuse("robot_mode"), LOST)),
         ("protective_stop", robot("safety_mode", "PROTECTIVE_STOP")),

@@ -22,7 +22,8 @@ fn corpus() -> Vec<Vec<u8>> {
 fn no_bytes_make_the_codec_panic() {
     let seeds = corpus();
     seeds.iter().for_each(|seed| read_anything(seed));
-    let mutated = (0..seeds.len(), prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..20), 0..9_usize);
+    let mutated =
+        (0..seeds.len(), prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..20), 0..9_usize);
     let mut runner = TestRunner::new(Config { cases: 3000, failure_persistence: None, ..Config::default() });
     let mutate = |(seed, changes, times): (usize, Vec<(prop::sample::Index, u8)>, usize)| {
         let mut bytes = seeds[seed].repeat(times + 1);

@@ -94,7 +94,8 @@ fn what_cannot_be_resumed_is_refused() {
     assert!(stderr(&refused).contains("no pose is missing"), "{}", stderr(&refused));
     expect(8, &[&run[..], &["--sim-fault", "protective_stop@move:2"]].concat());
     let cut = session(&output, "rehearsal");
-    std::fs::write(&cell, std::fs::read_to_string(&cell).unwrap().replace("payload_kg: 0.45", "payload_kg: 0.46")).unwrap();
+    std::fs::write(&cell, std::fs::read_to_string(&cell).unwrap().replace("payload_kg: 0.45", "payload_kg: 0.46"))
+        .unwrap();
     let refused = expect(2, &["resume", text(&cut), "--cell", text(&cell), "--time-scale", "max"]);
     assert!(stderr(&refused).contains("has changed since the session began"), "{}", stderr(&refused));
     let files = std::fs::read_dir(output.join("sim")).unwrap().count();

@@ -221,14 +221,26 @@ fn what_is_doubtful_is_exit_3() {
     let sitting = Sitting::begin(&sim, &path, Mode::New, narrow);
     sitting.line("t");
     assert_eq!(sitting.end().unwrap(), Exit::Warnings);
-    let mut walled = cell();
-    let at_m = (Arm::ur5e().forward(&home) * walled.robot.tcp_offset).translation_m();
+}
+
+#[test]
+fn a_pose_inside_a_box_or_near_one_is_told() {
+    let (mut walled, arm) = (cell(), Arm::ur5e());
+    let home = walled.robot.home_joints_rad;
+    assert_eq!(is_clear(&Clearance::of(&walled, &arm), &home), Ok(()));
+    let at_m = (arm.forward(&home) * walled.robot.tcp_offset).translation_m();
     let keep_out = &mut walled.robot.keep_out[0];
     (keep_out.min_m, keep_out.max_m) = (at_m.map(|v| v - 0.01), at_m.map(|v| v + 0.01));
-    let name = keep_out.name.clone();
-    let why = is_clear(&walled, &Arm::ur5e(), &home).unwrap_err();
-    assert!(why.contains(&name) && why.contains("TCP"), "{why}");
-    assert_eq!(is_clear(&cell(), &Arm::ur5e(), &home), Ok(()));
+    let why = is_clear(&Clearance::of(&walled, &arm), &home).unwrap_err();
+    assert!(why.contains(&format!("inside the keep-out box `{}`", walled.robot.keep_out[0].name)), "{why}");
+    let nearest = |gap: &Clearance| gap.gaps(&home).into_iter().map(|g| g.gap_m).fold(f64::INFINITY, f64::min);
+    let mut wary = cell();
+    wary.robot.keep_out_margin_m = nearest(&Clearance::of(&wary, &arm)) + 0.01;
+    let why = is_clear(&Clearance::of(&wary, &arm), &home).unwrap_err();
+    assert!(why.contains(" mm from the keep-out box"), "{why}");
+    let mut narrow = cell();
+    narrow.robot.limits.joints_rad = Some(home.map(|q| [q + 0.1, q + 0.2]));
+    assert_eq!(is_clear(&Clearance::of(&narrow, &arm), &home), Ok(()), "told by the limits");
 }
 
 #[test]

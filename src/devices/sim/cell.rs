@@ -14,9 +14,7 @@ use crate::config::{Cell, Mount, Section};
 use crate::cv::{CvError, charuco};
 use crate::devices::ur::{UrConfig, UrRobot};
 use crate::devices::{Clock, EventCamera, FrameCamera, Robot, RobotError};
-use crate::geometry::{
-    Base, Camera, Event, Pinhole, Rgb, Sensor, Tcp, Transform, kinematics::Joints, rotation,
-};
+use crate::geometry::{Base, Camera, Event, Pinhole, Rgb, Sensor, Tcp, Transform, kinematics::Joints, rotation};
 use crate::session::Stamp;
 
 /// Pixels a square of the simulated display.
@@ -108,8 +106,7 @@ impl SimCell {
         let mut config = controller_config(cell, flaws, time_scale);
         (config.start_ns, config.faults) = (first.0, faults);
         config.start_joints_rad = joints_rad.unwrap_or(config.start_joints_rad);
-        let controller = SimController::start(config, seed)
-            .map_err(|why| SimError::Controller(why.to_string()))?;
+        let controller = SimController::start(config, seed).map_err(|why| SimError::Controller(why.to_string()))?;
         let (clock, arm) = (controller.clock(), controller.truth());
         let mut draw = Draw(Pcg64::seed_from_u64(seed ^ 0x5e11_0ca1));
         let optics = lenses(cell, seed);

@@ -184,7 +184,9 @@ impl Live {
     fn ask_to_approach(&mut self, sample: &RobotSample) -> Command {
         self.state = State::Asking(None);
         let far = self.far(sample);
-        Command::Confirm { question: format!("{far}. Drive there slowly from where it is? The way is clear by the cell file") }
+        Command::Confirm {
+            question: format!("{far}. Drive there slowly from where it is? The way is clear by the cell file"),
+        }
     }
 
     fn starting(&mut self, at: Stamp, since: Stamp, sample: &RobotSample) -> Option<Command> {
@@ -210,8 +212,8 @@ impl Live {
     /// The next move, or the end.
     fn next_leg(&mut self, now: &[f64; 6]) -> Command {
         if self.legs.is_empty() {
-            let missing = (0..self.poses.len())
-                .find(|i| self.poses[*i].capture.is_none() && !self.given_up.contains(i));
+            let missing =
+                (0..self.poses.len()).find(|i| self.poses[*i].capture.is_none() && !self.given_up.contains(i));
             let legs = match missing {
                 Some(pose) => self.route.to_pose(self.position.node, now, pose),
                 None if self.position.node == Node::Home => Ok(Vec::new()),

@@ -122,10 +122,8 @@ impl Bench {
                 (self.sequence, self.moving_until, self.goal) = (self.sequence + 1, self.at_s + 0.5, *joints_rad);
             }
             Command::Capture { pose, attempt } => {
-                let exposures =
-                    vec![Exposure { start_s: self.at_s + 0.02, end_s: self.at_s + 0.12, image: true }];
-                let captured =
-                    Captured { pose: *pose, attempt: *attempt, exposures, event_bytes: 0, declared: None };
+                let exposures = vec![Exposure { start_s: self.at_s + 0.02, end_s: self.at_s + 0.12, image: true }];
+                let captured = Captured { pose: *pose, attempt: *attempt, exposures, event_bytes: 0, declared: None };
                 self.due = Some((self.at_s + 0.2, captured));
             }
             Command::Stop { .. } => {
@@ -290,7 +288,11 @@ fn what_may_not_happen_in_motion_needs_an_operator() {
     for (word, spoil) in faults {
         for at_s in [0.6, 1.1] {
             let mut live = session(3);
-            let commands = walk(&mut live, |at, s| if at > at_s { spoil(s) });
+            let commands = walk(&mut live, |at, s| {
+                if at > at_s {
+                    spoil(s)
+                }
+            });
             assert!(matches!(commands.last(), Some((_, Command::Stop { .. }))), "{word}: {commands:?}");
             let End::OperatorNeeded(why) = live.into_outcome().end else { panic!("{word}") };
             assert!(why.contains(word), "{why}");
