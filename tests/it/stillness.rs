@@ -16,8 +16,9 @@ fn lags(bench: &Bench, moves: &[f64], triggers: &[f64]) -> Vec<f64> {
     let limits = &bench.planned.cell.robot.stillness;
     let truth = bench.sim.truth();
     let lag = |(stretch, trigger): (&[f64], &f64)| {
-        let last = truth.last_above(limits.joint_speed_rad_s, limits.tcp_speed_m_s, stretch[0], stretch[1]);
-        trigger - last.expect("the arm has moved")
+        let fast = truth.last_above(limits.joint_speed_rad_s, limits.tcp_speed_m_s, stretch[0], stretch[1]);
+        let apart = truth.last_apart(limits.joint_spread_rad, stretch[0], stretch[1]);
+        trigger - fast.expect("the arm has moved").max(apart.expect("it has"))
     };
     moves.windows(2).zip(triggers).map(lag).collect()
 }

@@ -65,6 +65,22 @@ impl Truth {
         known.windows(2).rfind(|step| !slow(step)).and_then(|step| step.last()).map(|(at_s, _)| *at_s)
     }
 
+    /// When a joint was for the last time farther than this from a place where it was later, before `to_s`, rad.
+    ///
+    /// `None` if it never was; `to_s` where a part of the interval is not known.
+    pub fn last_apart(&self, joint_spread_rad: f64, from_s: f64, to_s: f64) -> Option<f64> {
+        let known: Vec<_> = self.lock().iter().filter(|(at, _)| *at >= from_s && *at <= to_s).copied().collect();
+        if known.last().is_none_or(|(last_s, _)| to_s - last_s > GAP_S) {
+            return Some(to_s);
+        }
+        let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; 6];
+        known.iter().rev().find_map(|(at_s, joints)| {
+            range.iter_mut().zip(joints).for_each(|(r, q)| *r = [r[0].min(*q), r[1].max(*q)]);
+            let together = range.iter().all(|r| r[1] - r[0] <= joint_spread_rad);
+            (!together).then_some(*at_s)
+        })
+    }
+
     /// Newest simulated time that is known, s.
     pub fn newest_s(&self) -> Option<f64> {
         self.lock().back().map(|(at_s, _)| *at_s)
