@@ -87,7 +87,10 @@ impl Bench {
     }
 
     pub(crate) fn with(trajectory: &str, adjust: impl FnOnce(&mut SimUrConfig)) -> Self {
-        let texts = texts(trajectory);
+        Self::of(texts(trajectory), adjust)
+    }
+
+    pub(crate) fn of(texts: CellTexts, adjust: impl FnOnce(&mut SimUrConfig)) -> Self {
         let planned = texts.plan().unwrap();
         let mut config = controller_config(&planned.cell, Flaws::default(), f64::INFINITY);
         config.lock_step_patience = Duration::from_secs(20);

@@ -4,6 +4,7 @@
 mod architecture;
 mod bad_input;
 mod bench;
+mod cell_around;
 mod faults;
 mod fuzz_corpus;
 mod killed;

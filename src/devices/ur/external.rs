@@ -42,6 +42,11 @@ impl Handshake {
         self.asked
     }
 
+    /// Whether a pose has been asked for.
+    pub(super) fn has_begun(&self) -> bool {
+        self.state != State::Idle
+    }
+
     /// Takes a sample in, and puts what the handshake says about the program into it.
     pub(super) fn judge(&mut self, sample: &mut RobotSample, extra: &[Value]) {
         let at_pose = match self.at_pose {

@@ -129,7 +129,7 @@ impl UrRobot {
             freshness,
             lines,
             heartbeat: 0,
-            foreign_program: sample.runtime_state == PLAYING,
+            foreign_program: sample.runtime_state == PLAYING && config.motion == MotionBy::Script,
             last_sequence: sample.executor_sequence,
             motion,
         };
@@ -248,6 +248,9 @@ impl UrRobot {
 
     fn finish_external(&mut self) -> Result<(), RobotError> {
         let Motion::External { handshake, .. } = &mut self.motion else { return Ok(()) };
+        if !handshake.has_begun() {
+            return Ok(());
+        }
         let last = handshake.next();
         let left = |s: &RobotSample| s.executor_state == ExecutorState::Moving && s.executor_sequence < last;
         self.wait_for("that the program leaves the last pose", LEAVE_WITHIN_S, left)
