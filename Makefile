@@ -6,7 +6,12 @@
 PACKAGES = libopencv-dev clang libclang-dev pkg-config
 SUDO = $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
-.PHONY: demo test packages bench
+# The tests drive the simulated controller with a client of others, in an environment of its own.
+# Without access to PyPI: make test UR_RTDE=no
+UR_RTDE = 1.6.5
+CLIENT = $(CURDIR)/target/ur-rtde-$(UR_RTDE)
+
+.PHONY: demo test packages test-packages bench
 
 packages:
 	@dpkg -s $(PACKAGES) >/dev/null 2>&1 || { \
@@ -19,4 +24,22 @@ demo: packages
 test: packages
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
+ifeq ($(UR_RTDE),no)
 	cargo test --locked
+else
+	$(MAKE) $(CLIENT)/ready
+	CELLCAL_UR_RTDE_PYTHON=$(CLIENT)/bin/python cargo test --locked
+endif
+
+$(CLIENT)/ready:
+	@dpkg -s python3-venv >/dev/null 2>&1 || { \
+	  echo "installing with apt: python3-venv"; \
+	  $(SUDO) apt-get update -qq && $(SUDO) apt-get install -y --no-install-recommends python3-venv >/dev/null; }
+	rm -rf $(CLIENT)
+	/usr/bin/python3 -m venv $(CLIENT)
+	$(CLIENT)/bin/pip install --quiet --disable-pip-version-check ur-rtde==$(UR_RTDE)
+	touch $@
+
+# Robot time of the 39 poses against fixed waits, in controller time: the profile does not matter.
+bench: packages
+	cargo bench --locked --profile dev --bench session_time

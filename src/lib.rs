@@ -39,6 +39,9 @@
 //!
 //! - `image` stands above `board`: blink images, event images and camera images are one type, and `events`
 //!   must not know OpenCV's.
+//! - A session that is resumed is one recording: the past is copied into a new file, `Resumed` marks the break, and
+//!   one machine walks both parts, in the replay too.
+//! - Pre-flight is judged by the session, from what the driver found out; the driver starts nothing by itself.
 //! - A world has no tick of its own: the heartbeat that keeps the arm moving leaves when the loop comes back
 //!   for its next input, so a hung loop stops the arm.
 
