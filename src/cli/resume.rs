@@ -11,9 +11,9 @@ use super::session::{AtTerminal, Steps, interrupts, open, tell};
 use super::{Exit, cell, rehearsal};
 use crate::devices::sim::cell::SimStart;
 use crate::recording::{Attachment, Entry, Kind, Recording, Writer};
-use crate::runner::setup::{CellTexts, MachineSpec, Planned, RunOptions};
+use crate::runner::setup::{CellTexts, MachineSpec, Planned};
 
-use crate::runner::{self, Live, Past, Told};
+use crate::runner::{self, Live, Past, RunOptions, Told};
 use crate::session::{self, Input, Machine as _, Stamp};
 
 /// From the last input of the old part to the first of the new one, ns.

@@ -14,9 +14,9 @@ use crate::devices::sim::cell::SimStart;
 use crate::devices::sim::ur::Planned as PlannedFault;
 use crate::devices::ur::MOTION_SCRIPT;
 use crate::recording::{About, Attachment, FORMAT_VERSION, Kind, Writer};
-use crate::runner::setup::{CellTexts, Planned, RunOptions};
+use crate::runner::setup::{CellTexts, Planned};
 use crate::runner::solve::{sha256, solve_recording};
-use crate::runner::{Live, Told};
+use crate::runner::{Live, RunOptions, Told};
 use crate::session::Outcome;
 
 /// Share of the caps at which taught poses are driven to for the first time.

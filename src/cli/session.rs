@@ -14,8 +14,7 @@ use crate::devices::sim::cell::{SimCell, SimStart};
 use crate::devices::ur::{UrConfig, UrRobot};
 use crate::devices::{Clock, WallClock};
 use crate::plan::Plan;
-use crate::runner::setup::RunOptions;
-use crate::runner::{Devices, Operator, Told};
+use crate::runner::{Devices, Operator, RunOptions, Told};
 use crate::session::{Command, End};
 
 /// The devices of a cell, ready to be driven.

@@ -5,6 +5,7 @@
 //! above it.
 
 mod live;
+mod options;
 mod past;
 mod pixels;
 mod replay;
@@ -12,6 +13,7 @@ pub mod setup;
 pub mod solve;
 
 pub use live::{Devices, Live, LiveError, Nobody, Operator, Told};
+pub use options::RunOptions;
 pub use past::{Past, PastError};
 pub use replay::{Diverged, Replay};
 

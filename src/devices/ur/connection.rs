@@ -6,6 +6,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
+use tokio::runtime::Runtime;
 use tokio::time::timeout;
 
 use super::config::UrConfig;
@@ -24,6 +25,15 @@ const MAX_UNKNOWN: usize = 1000;
 
 /// Text messages kept for whoever asks.
 const MAX_TEXTS: usize = 50;
+
+/// The event loop of a driver.
+pub(super) fn event_loop(config: &UrConfig) -> Result<Runtime, RobotError> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+    runtime.map_err(|e| RobotError::Unreachable {
+        address: config.host.clone(),
+        why: format!("the system gives no event loop: {e}"),
+    })
+}
 
 /// Connects without delaying small packages.
 pub(super) async fn open(address: &str, within: Duration) -> Result<TcpStream, RobotError> {

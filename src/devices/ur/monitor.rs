@@ -5,7 +5,7 @@ use std::sync::Arc;
 use tokio::runtime::Runtime;
 
 use super::config::UrConfig;
-use super::connection::Connection;
+use super::connection::{Connection, event_loop};
 use super::dashboard::RobotInfo;
 use super::samples::{Freshness, next_sample};
 use super::supervisor::Supervisor;
@@ -39,11 +39,7 @@ impl UrMonitor {
     ///
     /// Fails where the controller is not reachable, does not speak RTDE 2 or does not know an output.
     pub fn connect(config: &UrConfig, clock: Arc<dyn Clock>) -> Result<Self, RobotError> {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-        let runtime = runtime.map_err(|e| RobotError::Unreachable {
-            address: config.host.clone(),
-            why: format!("the system gives no event loop: {e}"),
-        })?;
+        let runtime = event_loop(config)?;
         let (connection, supervisor, info) = runtime.block_on(async {
             let mut connection = Connection::open(config, &[], &[]).await?;
             let supervisor = Supervisor::of(connection.version());

@@ -5,7 +5,7 @@ use tokio::io::AsyncReadExt as _;
 use tokio::time::timeout;
 
 use super::config::UrConfig;
-use super::connection::{broken, open};
+use super::connection::{broken, event_loop, open};
 use crate::devices::RobotError;
 use crate::geometry::kinematics::Dh;
 use crate::session::Kinematics;
@@ -26,10 +26,7 @@ const MAX_PACKAGE_BYTES: usize = 1 << 16;
 /// Runs its own event loop: not from async code. Fails where the controller does not send them within
 /// `answer_within`.
 pub fn read_kinematics(config: &UrConfig) -> Result<Kinematics, RobotError> {
-    let address = config.address(config.primary_port);
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-    let runtime = runtime.map_err(|e| broken(&address, &e))?;
-    runtime.block_on(kinematics(config))
+    event_loop(config)?.block_on(kinematics(config))
 }
 
 /// As [`read_kinematics`], inside an event loop.

@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::runtime::Runtime;
 
 use super::config::UrConfig;
-use super::connection::{Connection, Field};
+use super::connection::{Connection, Field, event_loop};
 use super::dashboard::RobotInfo;
 use super::external::Handshake;
 use super::fields::{INPUTS, Order};
@@ -92,11 +92,7 @@ impl std::fmt::Debug for UrRobot {
 impl UrRobot {
     /// Connects, and asks the controller to describe itself. Nothing is started, nothing moves.
     pub fn connect(config: &UrConfig, clock: Arc<dyn Clock>) -> Result<Self, RobotError> {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-        let runtime = runtime.map_err(|e| RobotError::Unreachable {
-            address: config.host.clone(),
-            why: format!("the system gives no event loop: {e}"),
-        })?;
+        let runtime = event_loop(config)?;
         let (extra, lines) = (extra_outputs(config), lines(config));
         let mut inputs: Vec<Field> = Vec::new();
         if config.motion == MotionBy::Script {

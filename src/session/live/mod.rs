@@ -1,6 +1,7 @@
 //! A live session: pre-flight, start of the program, then for each pose move, wait for stillness, capture,
 //! check again; at the end home. A session that ended early may be resumed.
 
+mod arrival;
 mod position;
 #[cfg(test)]
 mod tests;
@@ -10,9 +11,10 @@ use std::collections::VecDeque;
 use super::preflight::{self, Expected, Finding};
 use super::route::{Leg, Node, Route};
 use super::stillness::History;
-use super::types::{Captured, Command, ExecutorState, Input, MoveTarget, RobotFacts, RobotSample, Stamp};
+use super::types::{Captured, Command, ExecutorState, Input, RobotFacts, RobotSample, Stamp};
 use super::{End, Machine, Outcome, PoseRecord};
 use crate::config::Stillness as Limits;
+use arrival::has_arrived;
 use position::Position;
 
 /// A capture that the arm disturbed is repeated at most this often.
@@ -23,10 +25,6 @@ const PREFLIGHT_SAMPLES: usize = 25;
 const KEEP_S: f64 = 30.0;
 /// The program that moves the arm must say that it is there within this time, s.
 const START_WITHIN_S: f64 = 5.0;
-/// A move ends this near to where it was sent: joints in rad, or TCP in m and rad.
-const ARRIVED_RAD: f64 = 0.01;
-const ARRIVED_M: f64 = 0.002;
-
 /// How a session is run, besides what the cell says.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
@@ -412,36 +410,6 @@ impl Live {
         match &self.facts {
             None => self.facts = Some(facts.clone()),
             Some(before) => self.changed = preflight::changes(before, facts),
-        }
-    }
-}
-
-/// Whether a move has ended where it was sent; NaN has not.
-fn has_arrived(target: &MoveTarget, sample: &RobotSample) -> Result<(), String> {
-    match target {
-        MoveTarget::Joint { joints_rad, .. } => {
-            let far = joints_rad.iter().zip(&sample.joints_rad).map(|(a, b)| (a - b).abs());
-            let near = far.clone().all(|d| d <= ARRIVED_RAD);
-            let most = far.fold(0.0, f64::max).to_degrees();
-            if near { Ok(()) } else { Err(format!("a joint ended {most:.2} deg from where it was sent")) }
-        }
-        MoveTarget::Linear { tcp_pose, .. } => {
-            let wanted = crate::geometry::Transform::from_pose_vector(*tcp_pose);
-            let is = sample.base_from_tcp();
-            let (metres, radians) = (wanted.distance_to_m(&is), wanted.angle_to_rad(&is));
-            let near = metres <= ARRIVED_M && radians <= ARRIVED_RAD;
-            let (mm, deg) = (metres * 1e3, radians.to_degrees());
-            if near { Ok(()) } else { Err(format!("the TCP ended {mm:.2} mm and {deg:.2} deg from where it was sent")) }
-        }
-    }
-}
-
-impl Leg {
-    fn described(&self) -> String {
-        match (self.to, self.capture) {
-            (Node::Home, _) => "home".into(),
-            (Node::Pose(pose), true) => format!("pose {}", pose + 1),
-            (Node::Pose(pose), false) => format!("past pose {}", pose + 1),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::super::route::{Stop, Ways};
 use super::super::stillness::tests::{limits, still_sample};
-use super::super::types::Exposure;
+use super::super::types::{Exposure, MoveTarget};
 use super::*;
 use crate::config::Interlock;
 
