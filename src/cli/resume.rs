@@ -6,9 +6,10 @@ use clap::Args;
 
 use super::exit::UsageError;
 use super::progress::say;
-use super::run::{close, free_name, solve, time_scale};
+use super::run::{close, free_name, refuse_unwatched, solve, time_scale};
 use super::session::{AtTerminal, Steps, interrupts, open, tell};
 use super::{Exit, cell, rehearsal};
+use crate::config::MotionBy;
 use crate::devices::sim::cell::SimStart;
 use crate::recording::{Attachment, Entry, Kind, Recording, Writer};
 use crate::runner::setup::{CellTexts, MachineSpec, Planned};
@@ -53,6 +54,11 @@ impl Resume {
         let mut about = recording.about.clone();
         about.facts.insert("resumed_from_session".into(), about.session_id.clone());
         let seed = about.facts.get("sim_seed").and_then(|s| s.parse().ok());
+        refuse_unwatched(&self.session, &cell, self.unattended)?;
+        if matches!(cell.robot.motion, MotionBy::External(_)) {
+            let why = "a program of the plant moved the arm, and it cannot be told where to go on; begin a new session";
+            return Err(refuse(why.into()).into());
+        }
         let MachineSpec::Live { route, limits, expected, options: how, load } = setup.machine.clone() else {
             return Err(refuse("an imported session cannot be resumed".into()).into());
         };
@@ -103,12 +109,10 @@ impl Resume {
     fn refuse_other_cell(&self, texts: &CellTexts) -> anyhow::Result<()> {
         let Some(path) = &self.cell else { return Ok(()) };
         let now = cell::load(path)?;
-        let same = now.cell.1 == texts.cell.1
-            && now.trajectories.iter().map(|t| &t.1).eq(texts.trajectories.iter().map(|t| &t.1));
-        if same {
+        if now.sha256() == texts.sha256() {
             return Ok(());
         }
-        let why = "it or a trajectory has changed since the session began; begin a new session";
+        let why = "it or a file that it names has changed since the session began; begin a new session";
         Err(UsageError(format!("{}: {why}", path.display())).into())
     }
 

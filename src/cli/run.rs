@@ -1,5 +1,6 @@
 //! `cellcal run`: a session, from the cell file to the verdict.
 
+use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
@@ -130,16 +131,11 @@ impl Run {
     }
 
     fn refuse(&self, cell: &Cell) -> Result<(), UsageError> {
-        let refuse = |why: &str| Err(UsageError(format!("{}: {why}", self.cell.display())));
-        if self.unattended && cell.robot.interlocks.is_empty() {
-            return refuse(
-                "robot.interlocks is missing: nobody watches an unattended session, so an input must say that the cell is released",
-            );
-        }
         if !self.sim_faults.is_empty() && cell.robot.driver != RobotDriver::Sim {
-            return refuse("--sim-fault is for the simulated robot");
+            let why = "--sim-fault is for the simulated robot";
+            return Err(UsageError(format!("{}: {why}", self.cell.display())));
         }
-        Ok(())
+        refuse_unwatched(&self.cell, cell, self.unattended)
     }
 
     /// The name of the session and of its file; two sessions within a second are told apart.
@@ -152,6 +148,17 @@ impl Run {
         let seed = format!("{}{}{}", texts.cell.1, now.as_nanosecond(), std::process::id());
         Ok((sha256(seed.as_bytes())[..16].to_owned(), path))
     }
+}
+
+/// Nobody watches an unattended session, or a real arm without a terminal: then an input must release the cell.
+pub(super) fn refuse_unwatched(file: &Path, cell: &Cell, unattended: bool) -> Result<(), UsageError> {
+    let nobody = unattended || (cell.robot.driver == RobotDriver::Ur && !std::io::stdin().is_terminal());
+    if !nobody || !cell.robot.interlocks.is_empty() {
+        return Ok(());
+    }
+    let why =
+        "robot.interlocks is missing: nobody watches this session, so an input must say that the cell is released";
+    Err(UsageError(format!("{}: {why}", file.display())))
 }
 
 /// A name that no session in `folder` has.
@@ -169,11 +176,17 @@ pub(super) fn close(
 ) -> anyhow::Result<(Outcome, PathBuf)> {
     match outcome {
         Ok(outcome) => {
+            let path = live.into_recording()?;
             SOLVING.store(true, Ordering::Relaxed);
-            Ok((outcome, live.into_recording()?))
+            Ok((outcome, path))
         }
         Err(error) => {
-            say(&format!("the arm is stopped; what was logged is in {}", live.abandon().display()));
+            let (path, stopped) = live.abandon();
+            match stopped {
+                Ok(()) => say("the arm is stopped"),
+                Err(why) => say(&format!("the stop did not get through whole: {why}; look at the arm")),
+            }
+            say(&format!("what was logged is in {}", path.display()));
             Err(error.into())
         }
     }
@@ -198,6 +211,7 @@ fn attachments(texts: &CellTexts) -> Vec<Attachment> {
 fn about(session_id: String, texts: &CellTexts, bench: &Bench, options: &RunOptions, seed: Option<u64>) -> About {
     let mut facts: std::collections::BTreeMap<_, _> = options.to_facts().collect();
     facts.insert("cell_sha256".into(), sha256(texts.cell.1.as_bytes()));
+    facts.insert("texts_sha256".into(), texts.sha256());
     facts.insert("motion_script_sha256".into(), crate::devices::ur::script_sha256());
     facts.insert("robot".into(), bench.robot.clone());
     facts.extend(seed.map(|seed| ("sim_seed".to_owned(), seed.to_string())));

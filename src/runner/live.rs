@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::World;
 use crate::cv::codec;
-use crate::devices::{CameraError, Clock, EventCamera, FrameCamera, FrameImage, RawEvents, Robot};
+use crate::devices::{CameraError, Clock, EventCamera, FrameCamera, FrameImage, RawEvents, Robot, RobotError};
 use crate::recording::{Background, EventPacket, RecordingError, Writer};
 use crate::session::{Captured, Command, Input, Stamp};
 
@@ -130,10 +130,10 @@ impl<'a> Live<'a> {
     }
 
     /// Stops the arm after an error; what was logged stays in the `.partial` file that is returned.
-    pub fn abandon(&mut self) -> std::path::PathBuf {
-        // Where the stop does not get through, the heartbeats have ended and the controller stops by itself.
-        drop(self.devices.robot.stop());
-        self.writer.abandon()
+    pub fn abandon(&mut self) -> (std::path::PathBuf, Result<(), RobotError>) {
+        // Where the stop of our script does not get through, the heartbeats have ended and the controller stops it.
+        let stopped = self.devices.robot.stop();
+        (self.writer.abandon(), stopped)
     }
 
     /// Closes the recording and gives it its final name.
@@ -249,6 +249,10 @@ impl World for Live<'_> {
 
     fn execute(&mut self, command: &Command) -> Result<(), LiveError> {
         self.writer.command(self.devices.clock.now(), command)?;
+        if matches!(command, Command::Start | Command::Move { .. } | Command::Travel { .. }) {
+            // What has been asked of the arm must be known to whoever resumes.
+            self.writer.sync()?;
+        }
         (self.progress)(Told::Command(command));
         let robot = &mut self.devices.robot;
         let begun = match command {
@@ -270,7 +274,9 @@ impl World for Live<'_> {
             // The session is over: what fails now is told, and changes nothing that was captured.
             Command::Stop { .. } => {
                 if let Err(error) = robot.stop() {
-                    (self.progress)(Told::Note(format!("{error}; the watchdog of the controller stops the arm")));
+                    (self.progress)(Told::Note(format!(
+                        "the stop did not get through whole: {error}; look at the arm"
+                    )));
                 }
                 Ok(())
             }

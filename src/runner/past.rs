@@ -97,6 +97,11 @@ impl World for Past<'_> {
     }
 
     fn finish(&mut self) -> Result<(), PastError> {
+        if !self.commands.is_empty() {
+            // Inputs in the middle are lost: where the arm went is not known.
+            let recorded = self.step + self.commands.len();
+            return Err(Diverged::LeftOver { steps: self.step, recorded }.into());
+        }
         Ok(self.writer.sync()?)
     }
 }

@@ -175,8 +175,31 @@ impl CellTexts {
         all
     }
 
-    /// Reads them back from a recording.
+    /// SHA-256 of everything that the session is planned from.
+    pub fn sha256(&self) -> String {
+        let trajectories = self.trajectories.iter().map(|(_, text)| text);
+        let others = [&self.urdf, &self.intrinsics].into_iter().map(|t| t.as_ref().map_or("", |(_, text)| text));
+        let all = [self.cell.1.as_str()].into_iter().chain(trajectories.map(String::as_str)).chain(others);
+        let parts: Vec<String> = all.map(|text| sha256(text.as_bytes())).collect();
+        sha256(parts.join("\n").as_bytes())
+    }
+
+    /// Reads them back from a recording; refused where they are not those that it was recorded with.
     pub fn of_recording(recording: &Recording) -> Result<Self, RecordingError> {
+        let texts = Self::found_in(recording)?;
+        let facts = &recording.about.facts;
+        let checks = [("cell_sha256", sha256(texts.cell.1.as_bytes())), ("texts_sha256", texts.sha256())];
+        for (fact, now) in checks {
+            if facts.get(fact).is_some_and(|then| *then != now) {
+                let what = if fact == "cell_sha256" { "its cell.yaml is" } else { "its texts are" };
+                let what = format!("{what} not what it was recorded with (SHA-256 differs)");
+                return Err(RecordingError::Broken { path: recording.path.clone(), what });
+            }
+        }
+        Ok(texts)
+    }
+
+    fn found_in(recording: &Recording) -> Result<Self, RecordingError> {
         let cell = ("cell.yaml".to_owned(), recording.text("cell.yaml")?.to_owned());
         let names = recording.attachment_names().filter(|n| n.starts_with(TRAJECTORY));
         let trajectory = |name: &str| Ok((name[TRAJECTORY.len()..].to_owned(), recording.text(name)?.to_owned()));
@@ -223,11 +246,6 @@ impl Setup {
         match recording.about.kind {
             Kind::Live => {
                 let texts = CellTexts::of_recording(recording)?;
-                let (now, then) = (sha256(texts.cell.1.as_bytes()), recording.about.facts.get("cell_sha256"));
-                if then.is_some_and(|then| *then != now) {
-                    let what = "its cell.yaml is not the one that it was recorded with (SHA-256 differs)".into();
-                    return Err(RecordingError::Broken { path: recording.path.clone(), what }.into());
-                }
                 Ok(texts.plan_with(&RunOptions::of_facts(&recording.about.facts))?.setup)
             }
             Kind::Imported => Ok(Self::of_import(recording.import_setup()?)),

@@ -114,10 +114,10 @@ fn of_facts(facts: &RobotFacts, expected: &Expected) -> Vec<Finding> {
         ));
     }
     // PolyScope X has no dashboard; where there should be one its silence hides what must be known.
-    if facts.remote_control.is_none() && !expected.external && major < 10 {
+    if facts.remote_control.is_none() && (major < 10 || expected.external) {
         found.push(Finding::new(
             "remote_control",
-            "whether the robot is in remote control is not told: the dashboard does not answer; enable it under Settings, Security, Services",
+            "whether the robot is in remote control is not told: the dashboard does not answer; enable it under Settings, Security, Services (a program of the plant can be stopped in no other way)",
         ));
     }
     let mut must_be = |id: &str, wanted: &Option<String>, found_now: Option<&str>| {

@@ -50,9 +50,14 @@ impl std::fmt::Debug for Ways {
 /// A place where the arm can be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Node {
+    /// Off the route: a far start that has not reached home yet.
+    Elsewhere,
     Home,
     Pose(usize),
 }
+
+/// Farthest from a place that a move planned from there may begin, rad.
+const AT_PLACE_RAD: f64 = 0.02;
 
 /// One move.
 #[derive(Debug, Clone, PartialEq)]
@@ -79,18 +84,19 @@ pub struct Route {
 }
 
 impl Route {
+    /// The planned leg to a pose, from the place before.
+    pub(super) fn planned(&self, pose: usize) -> Result<Leg, String> {
+        let Some(stop) = self.stops.get(pose) else { return Err(format!("there is no pose {}", pose + 1)) };
+        let &Stop { target, joints_rad, move_s } = stop;
+        Ok(Leg { to: Node::Pose(pose), capture: true, target, move_s, joints_rad })
+    }
+
     /// The legs that end with a capture at `pose`.
     pub(super) fn to_pose(&self, from: Node, now: &Joints, pose: usize) -> Result<Vec<Leg>, String> {
-        let Some(stop) = self.stops.get(pose) else { return Err(format!("there is no pose {}", pose + 1)) };
-        let planned = Leg {
-            to: Node::Pose(pose),
-            capture: true,
-            target: stop.target,
-            move_s: stop.move_s,
-            joints_rad: stop.joints_rad,
-        };
+        let planned = self.planned(pose)?;
+        let stop = &self.stops[pose];
         let before = if pose == 0 { Node::Home } else { Node::Pose(pose - 1) };
-        if from == before {
+        if from == before && is_near(now, &self.place(before)) {
             return Ok(vec![planned]);
         }
         if matches!(stop.target, MoveTarget::Joint { .. })
@@ -114,7 +120,7 @@ impl Route {
             joints_rad: self.start_joints_rad,
         };
         let last = self.stops.len().checked_sub(1).map(Node::Pose);
-        if last == Some(from) {
+        if last == Some(from) && is_near(now, &self.place(from)) {
             return Ok(vec![leg((home.target, home.move_s))]);
         }
         match self.ways.between(now, &self.start_joints_rad, 1.0) {
@@ -123,26 +129,38 @@ impl Route {
         }
     }
 
-    /// From place to place along the trajectory, in either direction; every way is checked.
+    /// From place to place along the trajectory, in either direction; every way is checked. At least one leg:
+    /// beside the goal the arm drives to the goal itself.
     fn along(&self, from: Node, now: &Joints, to: Node) -> Result<Vec<Leg>, String> {
-        let place = |node| match node {
-            Node::Home => 0,
+        let number = |node| match node {
+            Node::Elsewhere | Node::Home => 0,
             Node::Pose(i) => i + 1,
         };
-        let (mut at, goal) = (place(from), place(to));
+        let (mut at, goal) = (number(from), number(to));
         let (mut legs, mut joints) = (Vec::new(), *now);
-        while at != goal {
-            at = if at < goal { at + 1 } else { at - 1 };
-            let (to, joints_rad) = match at.checked_sub(1) {
-                None => (Node::Home, self.start_joints_rad),
-                Some(i) => (Node::Pose(i), self.stops.get(i).map_or(joints, |s| s.joints_rad)),
-            };
+        loop {
+            at = if at < goal { at + 1 } else { at - usize::from(at > goal) };
+            let to = at.checked_sub(1).map_or(Node::Home, Node::Pose);
+            let joints_rad = self.place(to);
             let (target, move_s) = self.ways.between(&joints, &joints_rad, 1.0)?;
             legs.push(Leg { to, capture: false, target, move_s, joints_rad });
             joints = joints_rad;
+            if at == goal {
+                return Ok(legs);
+            }
         }
-        Ok(legs)
     }
+
+    /// Where a place is by the plan, rad.
+    fn place(&self, node: Node) -> Joints {
+        let pose = if let Node::Pose(pose) = node { self.stops.get(pose) } else { None };
+        pose.map_or(self.start_joints_rad, |stop| stop.joints_rad)
+    }
+}
+
+/// Whether a move that was planned from `place` may begin here; NaN may not.
+fn is_near(now: &Joints, place: &Joints) -> bool {
+    now.iter().zip(place).all(|(a, b)| (a - b).abs() <= AT_PLACE_RAD)
 }
 
 /// Farthest that the arm may be from the way on which it stopped, rad.
@@ -205,6 +223,20 @@ mod tests {
         assert_eq!(places(&back), walked.map(|(i, capture)| (Node::Pose(i), capture)));
         let home = route(None).to_home(Node::Pose(1), &[0.2; 6]).unwrap();
         assert_eq!(places(&home), [(Node::Pose(0), false), (Node::Home, false)]);
+    }
+
+    #[test]
+    fn a_planned_move_is_never_begun_from_elsewhere() {
+        // Beside home, and the first pose from there: the direct way is checked anew, or leads by home itself.
+        let beside = route(None).to_pose(Node::Home, &[0.04; 6], 0).unwrap();
+        assert_eq!((places(&beside), beside[0].move_s), (vec![(Node::Pose(0), true)], 2.0));
+        let line = route(Some(0)).to_pose(Node::Home, &[0.04; 6], 0).unwrap();
+        assert_eq!(places(&line), [(Node::Home, false), (Node::Pose(0), true)]);
+        assert!(route(None).to_pose(Node::Home, &[0.9; 6], 0).is_err(), "far from home, whatever it is called");
+        assert!(route(None).to_pose(Node::Elsewhere, &[0.9; 6], 0).is_err());
+        assert!(route(None).to_pose(Node::Pose(1), &[f64::NAN; 6], 2).is_err());
+        let home = route(None).to_home(Node::Pose(4), &[0.35; 6]).unwrap();
+        assert_eq!(places(&home)[0], (Node::Pose(3), false), "not the planned way from a place where it is not");
     }
 
     #[test]

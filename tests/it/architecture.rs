@@ -98,3 +98,15 @@ fn the_map_names_every_module() {
         assert!(map.contains(&format!("`{module}")), "src/lib.rs does not explain `{module}`");
     }
 }
+
+#[test]
+fn the_driver_never_unlocks_releases_or_starts_anything() {
+    for (file, text) in sources(&root().join("devices/ur")) {
+        for word in ["unlock", "brake release", "power on", "restart safety", "\"play", "set_tcp", "set_payload("] {
+            let said = without_tests(&text).contains(word);
+            assert!(!said, "{}: `{word}` is for the operator only", file.display());
+        }
+    }
+    let script = fs::read_to_string(root().join("devices/ur/motion.script")).unwrap();
+    assert!(!["set_tcp(", "set_payload(", "unlock"].iter().any(|word| script.contains(word)));
+}

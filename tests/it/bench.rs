@@ -1,19 +1,28 @@
 //! A small session on the simulated controller, with a camera that costs nothing: for what is about the arm.
 
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
+use cellcal::devices::rtde::Value;
 use cellcal::devices::sim::cell::controller_config;
 use cellcal::devices::sim::ur::{Flaws, Planned, Ports, SimClock, SimController, SimHandle, SimUrConfig};
 use cellcal::devices::ur::{UrConfig, UrRobot};
 use cellcal::devices::{CameraError, Clock, FrameCamera, FrameImage, RobotError};
+use cellcal::geometry::{Base, Flange, Transform};
 use cellcal::image::GrayImage;
 use cellcal::recording::{About, FORMAT_VERSION, Kind, Writer};
 use cellcal::runner::setup::{CellTexts, Planned as PlannedSession};
 use cellcal::runner::{Devices, Live, Nobody, Told};
 use cellcal::session::{Command, Exposure, Outcome};
+
+#[path = "rtde_client.rs"]
+pub(crate) mod rtde_client;
+
+use rtde_client::Watcher;
 
 /// Three poses before the cameras, about 0.1 m apart.
 pub(crate) const THREE_POSES: &str = "name: three\nsegments:\n  - pattern: views\n    poses:\n\
@@ -155,6 +164,32 @@ impl Bench {
         let outcome = self.planned.setup.machine.clone().run(&mut live).unwrap();
         let recording = live.into_recording().unwrap();
         Ok(Ran { outcome, recording, notes })
+    }
+
+    /// Where the flange truly is.
+    pub(crate) fn flange(&self) -> Transform<Base, Flange> {
+        let truth = self.sim.truth();
+        truth.base_from_flange_at(truth.newest_s().unwrap()).unwrap()
+    }
+
+    /// The digital outputs as another client sees them.
+    pub(crate) fn outputs(&self) -> u64 {
+        let address = SocketAddr::new(self.sim.address(), self.sim.ports().rtde);
+        let values = Watcher::connect(address, &["actual_digital_output_bits"]).next();
+        match values.as_slice() {
+            [Value::Uint64(bits)] => *bits,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// What the dashboard answers.
+    pub(crate) fn ask(&self, question: &str) -> String {
+        let address = SocketAddr::new(self.sim.address(), self.sim.ports().dashboard);
+        let stream = TcpStream::connect(address).unwrap();
+        let mut lines = BufReader::new(stream.try_clone().unwrap()).lines();
+        lines.next().unwrap().unwrap();
+        (&stream).write_all(format!("{question}\n").as_bytes()).unwrap();
+        lines.next().unwrap().unwrap()
     }
 
     /// Whether the arm is at rest after 0.35 s of simulated time, but for its ringing.

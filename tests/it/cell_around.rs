@@ -1,12 +1,13 @@
 //! The cell around the arm: a program of the plant that moves, signals to others, the program that is loaded.
 
-use std::io::{BufRead as _, BufReader, Write as _};
+use std::io::Write as _;
 use std::net::{SocketAddr, TcpStream};
 
 use cellcal::recording::{Entry, Recording};
 use cellcal::session::{Command, End, Input, RobotSample};
 
 use crate::bench::{Bench, THREE_POSES, texts};
+use crate::support::{expect, stderr};
 
 /// The small cell with more keys under `robot`.
 fn bench_with(keys: &str) -> Bench {
@@ -21,15 +22,6 @@ fn samples(path: &std::path::Path) -> Vec<RobotSample> {
     entries.into_iter().filter_map(sample).collect()
 }
 
-fn ask(bench: &Bench, question: &str) -> String {
-    let address = SocketAddr::new(bench.sim.address(), bench.sim.ports().dashboard);
-    let stream = TcpStream::connect(address).unwrap();
-    let mut lines = BufReader::new(stream.try_clone().unwrap()).lines();
-    lines.next().unwrap().unwrap();
-    (&stream).write_all(format!("{question}\n").as_bytes()).unwrap();
-    lines.next().unwrap().unwrap()
-}
-
 #[test]
 fn others_are_told_and_production_is_loaded_but_not_started() {
     let bench = bench_with("  signals: {calibrating: {digital_output: 4}}\n  load_program: production.urp\n");
@@ -41,8 +33,22 @@ fn others_are_told_and_production_is_loaded_but_not_started() {
     // The first cycle of the first move carries the signal with it.
     assert!(samples.iter().filter(moving).skip(1).all(on), "off while the arm moves");
     assert!(!on(&samples[0]), "on before pre-flight");
-    assert!(ask(&bench, "get loaded program").contains("production.urp"));
-    assert!(ask(&bench, "running").contains("false"));
+    assert_eq!(bench.outputs() >> 4 & 1, 0, "on after the end");
+    assert!(bench.ask("get loaded program").contains("production.urp"));
+    assert!(bench.ask("running").contains("false"));
+}
+
+#[test]
+fn others_are_told_of_the_end_after_a_stop_too() {
+    let bench = bench_with("  signals: {calibrating: {digital_output: 4}}\n");
+    let handle = bench.handle();
+    let ran = bench.run(|command| {
+        if matches!(command, Command::Capture { pose: 1, .. }) {
+            handle.protective_stop();
+        }
+    });
+    assert!(matches!(ran.unwrap().outcome.end, End::OperatorNeeded(_)));
+    assert_eq!(bench.outputs() >> 4 & 1, 0);
 }
 
 #[test]
@@ -85,9 +91,39 @@ fn a_program_of_the_plant_moves_and_we_answer() {
     let mut captures = 0;
     let ran = bench.run(|command| captures += usize::from(matches!(command, Command::Capture { .. }))).unwrap();
     assert_eq!((&ran.outcome.end, captures, ran.notes.as_slice()), (&End::Complete, 3, &[][..]));
+    // The last handshake has been completed: the plant's program has come to its end.
+    assert_eq!(bench.outputs() >> 2 & 1, 0, "`captured` stayed on");
+    bench.arm_stays_at_rest().unwrap();
+    assert!(bench.ask("running").contains("false"), "the program of the plant still waits");
     for (record, planned) in ran.outcome.poses.iter().zip(&bench.planned.plan.poses) {
         let reached = record.joints_rad.unwrap();
         assert!(reached.iter().zip(planned.joints_rad).all(|(a, b)| (a - b).abs() < 1e-3));
         assert!(record.evidence.as_ref().unwrap().max_joint_speed_rad_s.unwrap() < 0.005);
     }
+}
+
+/// The small cell as a file.
+fn cell_file(folder: &std::path::Path, change: impl Fn(String) -> String) -> String {
+    let texts = texts(THREE_POSES);
+    std::fs::write(folder.join("three.yaml"), THREE_POSES).unwrap();
+    let path = folder.join("cell.yaml");
+    std::fs::write(&path, change(texts.cell.1)).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn nobody_watching_needs_an_interlock_and_a_failed_preflight_is_exit_6() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("sessions").to_str().unwrap().to_owned();
+    let with = cell_file(folder.path(), |text| text);
+    let run = ["run", &with, "--rehearse", "--unattended", "--time-scale", "max", "--output", &output];
+    expect(0, &run);
+    let refused = expect(6, &[&run[..], &["--sim-fault", "digital_input:3=1@connect"]].concat());
+    assert!(stderr(&refused).contains("interlock: cell released: digital input 3 is on"), "{}", stderr(&refused));
+    let without = cell_file(folder.path(), |text| {
+        let keep = |line: &&str| !line.contains("interlocks:");
+        text.lines().filter(keep).collect::<Vec<_>>().join("\n")
+    });
+    let refused = expect(2, &["run", &without, "--rehearse", "--unattended", "--output", &output]);
+    assert!(stderr(&refused).contains("robot.interlocks is missing"), "{}", stderr(&refused));
 }

@@ -57,6 +57,7 @@ const fn handshake(word: &'static str) -> [Must; 6] {
 }
 
 const HARMLESS: [Must; 6] = [Pass; 6];
+const TAKEN: &str = "";
 const LOST: &str = "the robot was lost";
 
 fn table() -> Vec<(&'static str, [Must; 6])> {
@@ -103,7 +104,7 @@ fn table() -> Vec<(&'static str, [Must; 6])> {
         ("dashboard_refuse", [Refuse("remote_control"), Pass, Pass, Pass, Pass, Pass]),
         ("tcp_offset:3", robot("tcp_offset", "active TCP")),
         ("payload:2", robot("payload", "payload")),
-        ("foreign_program", [Refuse("program"), Refuse("program"), Stop(""), Stop(""), Stop(""), Stop("")]),
+        ("foreign_program", [Refuse("program"), Refuse("program"), Stop(TAKEN), Stop(TAKEN), Stop(TAKEN), Stop(TAKEN)]),
     ]
 }
 
@@ -158,8 +159,6 @@ fn check(fault: &str, phase: Phase, must: Must) -> Result<(), String> {
     let captured = ran.outcome.poses.iter().filter(|p| p.capture.is_some()).count();
     let known = match (must, phase) {
         (Pass, _) => 3,
-        // Whether another program runs shows with the next move: until then nothing has moved.
-        (Stop(_), Phase::Capturing) if fault == "foreign_program" => 2,
         (Stop(_), _) => 1,
         (Refuse(_) | NotConnect(_), _) => 0,
     };
@@ -172,6 +171,23 @@ fn check(fault: &str, phase: Phase, must: Must) -> Result<(), String> {
         return Err(format!("the replay ends as {:?}", again.end));
     }
     bench.arm_stays_at_rest()
+}
+
+#[test]
+fn a_paused_program_is_not_left_armed() {
+    for fault in ["pause", "protective_stop"] {
+        let bench = Bench::new(planned(fault, Phase::Moving).into_iter().collect());
+        let ran = bench.run(|_| ()).unwrap();
+        assert!(matches!(ran.outcome.end, End::OperatorNeeded(_)), "{:?}", ran.outcome.end);
+        assert!(ran.notes.is_empty(), "{:?}", ran.notes);
+        // The operator clears the stop and presses play: the interrupted move must not go on.
+        let stood = bench.flange();
+        bench.handle().recover();
+        let answer = bench.ask("play");
+        bench.arm_stays_at_rest().unwrap_or_else(|why| panic!("{fault}, play said {answer:?}: {why}"));
+        let moved_m = bench.flange().distance_to_m(&stood);
+        assert!(moved_m < 2e-3, "{fault}: the arm went on by {moved_m} m");
+    }
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::process::{Child, Command, Stdio};
 
 use cellcal::devices::rtde::Value;
 
-use crate::rtde_client::Watcher;
+use crate::bench::rtde_client::Watcher;
 
 /// A process that ends with the test.
 struct Ended(Child);
@@ -62,6 +62,9 @@ fn kill_9_in_the_middle_of_a_move_stops_the_arm() {
     let text = std::fs::read_to_string(root.join("cells/sim.yaml")).unwrap();
     let trajectories = root.join("trajectories").display().to_string();
     let text = text.replacen("driver: sim", &format!("driver: ur\n  address: {host}"), 1);
+    // Nobody sits at a terminal here, so an interlock must release the cell.
+    let released = "  interlocks: [{digital_input: 0, must_be: false, meaning: cell released}]\n  limits:\n";
+    let text = text.replacen("  limits:\n", released, 1);
     let text = text.replace("../trajectories", &trajectories);
     let cell = folder.path().join("cell.yaml");
     std::fs::write(&cell, text).unwrap();

@@ -10,7 +10,6 @@ mod fuzz_corpus;
 mod killed;
 mod real_data;
 mod resume;
-mod rtde_client;
 mod simulated_cell;
 mod simulator;
 mod soak;

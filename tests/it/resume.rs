@@ -8,7 +8,7 @@ use cellcal::recording::{Entry, Recording};
 use cellcal::session::{Command as Asked, Input};
 
 use crate::bench;
-use crate::rtde_client::pause;
+use crate::bench::rtde_client::pause;
 use crate::support::{cellcal, expect, json, stderr, text};
 
 /// The small cell as files.

@@ -9,7 +9,7 @@ use cellcal::devices::rtde::Value;
 use cellcal::devices::sim::ur::{SimController, SimUrConfig};
 
 use crate::bench::Bench;
-use crate::rtde_client::Watcher;
+use crate::bench::rtde_client::Watcher;
 
 /// Memory that may come and go in a process that runs other tests beside this one is not looked at: the
 /// driver is measured in a process of its own where the time is set by hand.

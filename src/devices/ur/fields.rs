@@ -4,7 +4,7 @@ use crate::devices::rtde::{DataType, Value};
 use crate::session::{ExecutorState, MoveTarget, RobotSample};
 
 /// Outputs in the order of [`sample_from`].
-pub(super) const OUTPUTS: [(&str, DataType); 22] = [
+pub(super) const OUTPUTS: [(&str, DataType); 23] = [
     ("timestamp", DataType::Double),
     ("actual_q", DataType::Vector6d),
     ("actual_qd", DataType::Vector6d),
@@ -27,6 +27,7 @@ pub(super) const OUTPUTS: [(&str, DataType); 22] = [
     ("joint_temperatures", DataType::Vector6d),
     ("output_int_register_24", DataType::Int32),
     ("output_int_register_25", DataType::Int32),
+    ("output_int_register_26", DataType::Int32),
 ];
 
 /// Inputs in the order of [`Order::values`].
@@ -97,8 +98,9 @@ impl Order {
     }
 }
 
-/// The sample in the values of one data package; the error says what does not fit.
-pub(super) fn sample_from(values: &[Value]) -> Result<RobotSample, String> {
+/// The sample in the values of one data package, and the heartbeat that our script has read last; the error says
+/// what does not fit.
+pub(super) fn sample_from(values: &[Value]) -> Result<(RobotSample, i32), String> {
     if let Some(bad) = values.iter().position(|v| !v.is_finite()) {
         let name = OUTPUTS.get(bad).map_or("?", |(name, _)| name);
         return Err(format!("{name} is not finite"));
@@ -126,11 +128,12 @@ pub(super) fn sample_from(values: &[Value]) -> Result<RobotSample, String> {
         Value::Vector6d(joint_temperatures_c),
         Value::Int32(executor_sequence),
         Value::Int32(state),
+        Value::Int32(echo),
     ] = values
     else {
         return Err("the values are not those of the output recipe".into());
     };
-    Ok(RobotSample {
+    let sample = RobotSample {
         controller_time_s,
         joints_rad,
         joint_speeds_rad_s,
@@ -153,7 +156,8 @@ pub(super) fn sample_from(values: &[Value]) -> Result<RobotSample, String> {
         joint_temperatures_c,
         executor_sequence,
         executor_state: executor_state(state),
-    })
+    };
+    Ok((sample, echo))
 }
 
 /// Meaning of the state register; another program may have left any number there.
@@ -183,7 +187,7 @@ pub(super) mod tests {
             _ => Value::Int32(0),
         };
         let values: Vec<_> = OUTPUTS.iter().map(|(_, t)| zero(*t)).collect();
-        sample_from(&values).unwrap()
+        sample_from(&values).unwrap().0
     }
 
     #[test]

@@ -7,7 +7,7 @@ use tokio::runtime::Runtime;
 use super::config::UrConfig;
 use super::connection::{Connection, event_loop};
 use super::dashboard::RobotInfo;
-use super::samples::{Freshness, next_sample};
+use super::samples::{Fresh, Freshness, next_sample};
 use super::supervisor::Supervisor;
 use crate::devices::rtde::ControllerVersion;
 use crate::devices::{Clock, RobotError};
@@ -55,7 +55,7 @@ impl UrMonitor {
     /// nothing fresh for [`UrConfig::stale_after`] is an error.
     pub fn next_sample(&mut self) -> Result<(Stamp, RobotSample), RobotError> {
         let Self { runtime, connection, freshness, clock, config, .. } = self;
-        let (at, sample, _) = runtime.block_on(next_sample(connection, freshness, &**clock, config))?;
+        let Fresh { at, sample, .. } = runtime.block_on(next_sample(connection, freshness, &**clock, config))?;
         Ok((at, sample))
     }
 

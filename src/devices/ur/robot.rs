@@ -12,11 +12,11 @@ use super::external::Handshake;
 use super::fields::{INPUTS, Order};
 use super::lines::Lines;
 use super::primary;
-use super::samples::{Freshness, next_sample};
+use super::samples::{Fresh, Freshness, next_sample};
 use super::script::{MOTION_SCRIPT, STOP_SCRIPT, ScriptPort};
 use super::supervisor::Supervisor;
 use crate::config::{Line, MotionBy};
-use crate::devices::rtde::{ControllerVersion, DataType, TextMessage};
+use crate::devices::rtde::{ControllerVersion, DataType, TextMessage, Value};
 use crate::devices::{Clock, Robot, RobotError};
 use crate::session::{ExecutorState, Kinematics, MoveTarget, RobotFacts, RobotSample, Stamp};
 
@@ -27,6 +27,9 @@ const PLAYING: u32 = 2;
 /// client died is stopped by its watchdog within 0.15 s.
 const TRIES: usize = 5;
 const BETWEEN_TRIES: Duration = Duration::from_millis(200);
+
+/// Our script says within this time that it has read a heartbeat, but while it moves, s.
+const ECHO_WITHIN_S: f64 = 0.25;
 
 /// Session time in which a program of the plant leaves its last pose.
 const LEAVE_WITHIN_S: f64 = 5.0;
@@ -49,6 +52,7 @@ pub struct UrRobot {
     /// The last sample showed a program that is not ours.
     foreign_program: bool,
     last_sequence: i32,
+    last_runtime: u32,
     motion: Motion,
 }
 
@@ -99,21 +103,22 @@ impl UrRobot {
             inputs.extend(INPUTS.iter().map(|(name, t)| ((*name).to_owned(), *t)));
         }
         inputs.extend(lines.fields());
-        let opened = runtime.block_on(open_when_free(config, &*clock, &extra, &inputs))?;
-        let Opened { connection, freshness, sample } = opened;
-        let supervisor = Supervisor::of(connection.version());
+        // Everything that may take its time comes before the first sample.
+        let version = runtime.block_on(Connection::open(config, &[], &[]))?.version();
+        let supervisor = Supervisor::of(version);
         let info = runtime.block_on(supervisor.info(config));
         let kinematics = runtime.block_on(primary::kinematics(config)).ok();
         let motion = match &config.motion {
             MotionBy::Script => {
                 let port = runtime.block_on(ScriptPort::open(config))?;
-                let order = Order::none(sample.executor_sequence);
-                Motion::Script(Script { port, order, phase: Phase::Absent, exceptions: 0 })
+                Motion::Script(Script { port, order: Order::none(0), phase: Phase::Absent, exceptions: 0 })
             }
             MotionBy::External(external) => {
                 Motion::External { handshake: Handshake::new(external), captured: external.captured }
             }
         };
+        let opened = runtime.block_on(open_when_free(config, &*clock, &extra, &inputs))?;
+        let Opened { connection, freshness, sample } = opened;
         let mut robot = Self {
             config: config.clone(),
             clock,
@@ -127,6 +132,7 @@ impl UrRobot {
             heartbeat: 0,
             foreign_program: sample.runtime_state == PLAYING && config.motion == MotionBy::Script,
             last_sequence: sample.executor_sequence,
+            last_runtime: sample.runtime_state,
             motion,
         };
         // The first sample has been judged here.
@@ -188,8 +194,8 @@ impl UrRobot {
     }
 
     /// Puts into a sample what is known about the program that moves the arm.
-    fn judge(&mut self, sample: &mut RobotSample, extra: &[crate::devices::rtde::Value]) -> Result<(), RobotError> {
-        self.last_sequence = sample.executor_sequence;
+    fn judge(&mut self, sample: &mut RobotSample, echo: i32, extra: &[Value]) -> Result<(), RobotError> {
+        (self.last_sequence, self.last_runtime) = (sample.executor_sequence, sample.runtime_state);
         self.foreign_program = false;
         match &mut self.motion {
             Motion::External { handshake, captured } => {
@@ -209,7 +215,18 @@ impl UrRobot {
                             script.phase = Phase::Running;
                         }
                     }
-                    Phase::Running | Phase::Withheld => {}
+                    Phase::Running => {
+                        // While it moves it reads nothing; the session's deadline watches the move.
+                        let waits = !matches!(sample.executor_state, ExecutorState::Moving | ExecutorState::Absent);
+                        let age_s = f64::from(self.heartbeat.wrapping_sub(echo)) / self.config.frequency_hz;
+                        let answers = (0.0..=ECHO_WITHIN_S).contains(&age_s);
+                        if playing && waits && !answers {
+                            self.foreign_program = true;
+                            let why = "another program runs in its place, or it hangs".into();
+                            return Err(RobotError::Refused { what: "the motion script".into(), why });
+                        }
+                    }
+                    Phase::Withheld => {}
                 }
                 if !matches!(script.phase, Phase::Running | Phase::Withheld) {
                     // What the registers hold now is not from this session.
@@ -225,9 +242,10 @@ impl UrRobot {
         let within_s = self.config.program_within.as_secs_f64();
         let Motion::Script(script) = &mut self.motion else { return Ok(()) };
         match script.phase {
-            Phase::Absent | Phase::Withheld => return Ok(()),
+            // Nothing has been sent: what runs, if anything, is not ours.
+            Phase::Absent | Phase::Announced | Phase::Placed | Phase::Withheld => return Ok(()),
             // It may be on its way: nothing less than a stop is sure.
-            Phase::Announced | Phase::Placed | Phase::Sent => return self.stop(),
+            Phase::Sent => return self.stop(),
             Phase::Running => {}
         }
         script.order = Order::end(next_sequence(script.order.sequence));
@@ -247,9 +265,21 @@ impl UrRobot {
         if !handshake.has_begun() {
             return Ok(());
         }
-        let last = handshake.next();
-        let left = |s: &RobotSample| s.executor_state == ExecutorState::Moving && s.executor_sequence < last;
-        self.wait_for("that the program leaves the last pose", LEAVE_WITHIN_S, left)
+        handshake.next();
+        let began = self.clock.now();
+        loop {
+            self.heartbeat()?;
+            let (at, _) = self.next_sample()?;
+            if matches!(&self.motion, Motion::External { handshake, .. } if !handshake.captured()) {
+                // It has left: one more package takes `captured` back.
+                return self.heartbeat();
+            }
+            let patient = at.seconds() - began.seconds() < LEAVE_WITHIN_S;
+            if !patient {
+                let why = format!("it has not left the last pose within {LEAVE_WITHIN_S} s");
+                return Err(RobotError::Refused { what: "the end of the program of the plant".into(), why });
+            }
+        }
     }
 }
 
@@ -273,8 +303,9 @@ impl Robot for UrRobot {
 
     fn next_sample(&mut self) -> Result<(Stamp, RobotSample), RobotError> {
         let Self { runtime, connection, freshness, clock, config, .. } = self;
-        let (at, mut sample, extra) = runtime.block_on(next_sample(connection, freshness, &**clock, config))?;
-        self.judge(&mut sample, &extra)?;
+        let fresh = runtime.block_on(next_sample(connection, freshness, &**clock, config))?;
+        let Fresh { at, mut sample, echo, extra } = fresh;
+        self.judge(&mut sample, echo, &extra)?;
         Ok((at, sample))
     }
 
@@ -321,9 +352,14 @@ impl Robot for UrRobot {
     /// Where it cannot be delivered, heartbeats cease as well, and the controller's watchdog stops the arm.
     fn stop(&mut self) -> Result<(), RobotError> {
         self.set_calibrating(false);
-        let Self { runtime, motion, config, supervisor, .. } = self;
-        let Motion::Script(script) = motion else { return runtime.block_on(supervisor.stop_program(config)) };
-        if script.phase == Phase::Absent {
+        let Self { runtime, motion, config, supervisor, connection, lines, .. } = self;
+        let Motion::Script(script) = motion else {
+            let stopped = runtime.block_on(supervisor.stop_program(config));
+            // Outputs keep their values: the last package takes ours back.
+            let told = runtime.block_on(connection.send_inputs(&lines.values(), config.stale_after));
+            return stopped.and(told);
+        };
+        if matches!(script.phase, Phase::Absent | Phase::Announced | Phase::Placed) {
             return Ok(());
         }
         script.order = Order::none(script.order.sequence);
@@ -336,8 +372,15 @@ impl Robot for UrRobot {
         });
         if stopped.is_err() {
             script.phase = Phase::Withheld;
+            return stopped;
         }
-        stopped
+        // The same heartbeat again: it takes the outputs back and feeds nobody anew.
+        let values = [script.order.values(self.heartbeat), lines.values()].concat();
+        let told = runtime.block_on(connection.send_inputs(&values, config.stale_after));
+        // A paused program takes no script and would go on with its move when somebody presses play.
+        let paused = ![STOPPED, PLAYING].contains(&self.last_runtime);
+        let ended = if paused { runtime.block_on(supervisor.stop_program(config)) } else { Ok(()) };
+        ended.and(told)
     }
 
     /// Asks the program to end, and stops it where it does not within `program_within`; then loads the next.
@@ -396,7 +439,7 @@ async fn open_when_free(
         let mut connection = Connection::open(config, extra, inputs).await?;
         connection.start().await?;
         let mut freshness = Freshness::default();
-        let (_, sample, _) = next_sample(&mut connection, &mut freshness, clock, config).await?;
+        let Fresh { sample, .. } = next_sample(&mut connection, &mut freshness, clock, config).await?;
         let busy = sample.runtime_state == PLAYING && config.motion == MotionBy::Script;
         // Pre-flight names a program that stays.
         if !busy || tries >= TRIES {

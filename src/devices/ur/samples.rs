@@ -16,10 +16,18 @@ use crate::session::{RobotSample, Stamp};
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
 
 /// Share of time by which the two clocks may drift apart without counting as lateness.
-const CLOCK_DRIFT: f64 = 1e-3;
+const CLOCK_DRIFT: f64 = 2e-4;
 
-/// A fresh sample, its stamp, and the values of the fields that were asked for beside it.
-pub(super) type Fresh = (Stamp, RobotSample, Vec<Value>);
+/// A fresh sample and what came with it.
+#[derive(Debug)]
+pub(super) struct Fresh {
+    pub(super) at: Stamp,
+    pub(super) sample: RobotSample,
+    /// The heartbeat that our script has read last.
+    pub(super) echo: i32,
+    /// The values of the fields that were asked for beside it.
+    pub(super) extra: Vec<Value>,
+}
 
 /// The next fresh sample.
 pub(super) async fn next_sample(
@@ -33,11 +41,11 @@ pub(super) async fn next_sample(
     loop {
         while let Some(mut values) = connection.next_values()? {
             let extra = values.split_off(fields::OUTPUTS.len().min(values.len()));
-            let sample = fields::sample_from(&values).map_err(|what| connection.protocol(what))?;
+            let (sample, echo) = fields::sample_from(&values).map_err(|what| connection.protocol(what))?;
             let stamp = clock.now();
             let fresh = freshness.judge(stamp, sample.controller_time_s, config.stale_after);
             if fresh.map_err(|what| connection.protocol(what))? {
-                return Ok((stamp, sample, extra));
+                return Ok(Fresh { at: stamp, sample, echo, extra });
             }
         }
         match timeout(LOOK_AGAIN, connection.read()).await {
@@ -110,7 +118,7 @@ mod tests {
         let mut freshness = Freshness::default();
         for i in 0..100_000 {
             let controller_s = 50.0 + 0.008 * f64::from(i);
-            let stamp = Stamp::from_seconds(0.008 * f64::from(i) * (1.0 + 500e-6));
+            let stamp = Stamp::from_seconds(0.008 * f64::from(i) * (1.0 + 150e-6));
             assert_eq!(freshness.judge(stamp, controller_s, LIMIT), Ok(true), "{i}");
         }
     }

@@ -31,7 +31,7 @@ pub(super) fn has_arrived(target: &MoveTarget, sample: &RobotSample) -> Result<(
 impl Leg {
     pub(super) fn described(&self) -> String {
         match (self.to, self.capture) {
-            (Node::Home, _) => "home".into(),
+            (Node::Home | Node::Elsewhere, _) => "home".into(),
             (Node::Pose(pose), true) => format!("pose {}", pose + 1),
             (Node::Pose(pose), false) => format!("past pose {}", pose + 1),
         }

@@ -139,9 +139,10 @@ impl Live {
         self.history.push(at, sample, KEEP_S);
         match self.state {
             State::Preflight { seen } => self.preflight(at, seen, sample),
-            State::Asking(_) if !self.moved => None,
+            // Nothing of ours runs yet; pre-flight looks again after the answer.
+            State::Asking(None) => None,
             State::Starting { since } => self.starting(at, since, sample),
-            State::Moving(_) | State::Capturing { .. } | State::Asking(_) => {
+            State::Moving(_) | State::Capturing { .. } | State::Asking(Some(_)) => {
                 let fine = preflight::may_move(sample, &self.expected).and_then(|()| preflight::is_playing(sample));
                 match fine {
                     Err(finding) => Some(self.stop(finding.message)),
@@ -207,12 +208,17 @@ impl Live {
         })
     }
 
+    /// The next pose that is to be visited.
+    fn next_missing(&self) -> Option<usize> {
+        (0..self.poses.len()).find(|i| self.poses[*i].capture.is_none() && !self.given_up.contains(i))
+    }
+
     /// The next move, or the end.
     fn next_leg(&mut self, now: &[f64; 6]) -> Command {
         if self.legs.is_empty() {
-            let missing =
-                (0..self.poses.len()).find(|i| self.poses[*i].capture.is_none() && !self.given_up.contains(i));
-            let legs = match missing {
+            let legs = match self.next_missing() {
+                // A program of the plant goes its own ways.
+                Some(pose) if self.expected.external => self.route.planned(pose).map(|leg| vec![leg]),
                 Some(pose) => self.route.to_pose(self.position.node, now, pose),
                 None if self.position.node == Node::Home => Ok(Vec::new()),
                 None => self.route.to_home(self.position.node, now),
@@ -236,7 +242,9 @@ impl Live {
     fn go(&mut self, leg: Leg) -> Command {
         let command = match leg.to {
             Node::Pose(pose) if leg.capture => Command::Move { pose, target: leg.target },
-            Node::Pose(_) | Node::Home => Command::Travel { why: leg.described(), target: leg.target },
+            Node::Pose(_) | Node::Home | Node::Elsewhere => {
+                Command::Travel { why: leg.described(), target: leg.target }
+            }
         };
         self.history.clear();
         self.sequence = self.sequence.checked_add(1).unwrap_or(1);
@@ -294,7 +302,7 @@ impl Live {
                 self.state = State::Capturing { pose, attempt, decided: at };
                 Command::Capture { pose, attempt }
             }
-            Node::Pose(_) | Node::Home => self.next_leg(&sample.joints_rad),
+            Node::Pose(_) | Node::Home | Node::Elsewhere => self.next_leg(&sample.joints_rad),
         }
     }
 
@@ -358,6 +366,9 @@ impl Live {
     }
 
     fn stop(&mut self, why: String) -> Command {
+        if !self.moved {
+            return self.refuse(vec![Finding::new("motion", why)]);
+        }
         self.state = State::Done(End::OperatorNeeded(why.clone()));
         Command::Stop { why }
     }
@@ -366,8 +377,13 @@ impl Live {
         if !self.moved {
             return self.refuse(vec![Finding::new("connection", why)]);
         }
-        // The heartbeats have ended with the connection: the watchdog of the controller has stopped the arm.
-        self.stop(format!("the robot was lost: {why}; its watchdog stops the arm"))
+        // The heartbeats have ended with the connection: the watchdog of the controller stops our script.
+        let then = if self.expected.external {
+            "the program of the plant may go on: look at the arm"
+        } else {
+            "its watchdog stops the arm"
+        };
+        self.stop(format!("the robot was lost: {why}; {then}"))
     }
 
     fn interrupted(&mut self) -> Command {

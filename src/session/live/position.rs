@@ -33,43 +33,40 @@ impl Position {
 }
 
 impl Live {
-    /// The moves before the first pose, from where the arm is; the error is a finding, or nothing where only
+    /// The moves before the first capture, from where the arm is; the error is a finding, or nothing where only
     /// the operator can say that the arm may drive to the start.
     pub(super) fn where_from(&mut self, sample: &RobotSample) -> Result<VecDeque<Leg>, Option<Finding>> {
         let joints = sample.joints_rad;
         if self.expected.external {
             return Ok(VecDeque::new());
         }
-        let near_start = preflight::too_far(sample, &self.expected).is_none();
-        if self.resumed
-            && let Ok(legs) = self.back_on_the_way(&joints)
-        {
+        // A session that has never moved begins as a new one does.
+        let on_route = self.resumed && self.position.node != Node::Elsewhere && self.position.leg.is_some();
+        let back = if on_route { Some(self.back_on_the_way(&joints)) } else { None };
+        if let Some(Ok(legs)) = back {
             return Ok(legs);
         }
+        let near_start = preflight::too_far(sample, &self.expected).is_none();
         if near_start {
-            self.position = Position::at_start(joints);
-            return self.clear_to_start(&joints).map_err(Some);
+            self.position = Position { node: Node::Home, node_joints: joints, leg: None };
+            return self.from_beside_start(&joints).map_err(Some);
         }
-        if self.resumed {
-            return self.back_on_the_way(&joints).map_err(Some);
+        if let Some(Err(off)) = back {
+            return Err(Some(off));
         }
+        let approach = self.slow_way("start_pose", &joints, self.route.start_joints_rad, Node::Home).map_err(Some)?;
         if !self.confirmed {
-            self.slow_way("start_pose", &joints, self.route.start_joints_rad, Node::Home).map_err(Some)?;
             return Err(None);
         }
-        self.position = Position::at_start(joints);
-        self.slow_way("start_pose", &joints, self.route.start_joints_rad, Node::Home).map_err(Some)
+        self.position = Position { node: Node::Elsewhere, node_joints: joints, leg: None };
+        Ok(approach)
     }
 
-    /// The first planned way begins at home: from a little beside it the way must be clear too.
-    fn clear_to_start(&self, joints: &Joints) -> Result<VecDeque<Leg>, Finding> {
-        let first = self.route.stops.first().map_or(self.route.start_joints_rad, |s| s.joints_rad);
-        let way = self.route.ways.between(joints, &first, 1.0);
-        match way {
-            Ok(_) => Ok(VecDeque::new()),
-            // Then by way of home itself, from where the plan is known to be clear.
-            Err(_) => self.slow_way("start_pose", joints, self.route.start_joints_rad, Node::Home),
-        }
+    /// The first moves, checked from where the arm really is.
+    fn from_beside_start(&self, joints: &Joints) -> Result<VecDeque<Leg>, Finding> {
+        let Some(pose) = self.next_missing() else { return Ok(VecDeque::new()) };
+        let legs = self.route.to_pose(Node::Home, joints, pose).map(VecDeque::from);
+        legs.map_err(|why| Finding::new("start_pose", format!("the arm cannot drive from where it is: it {why}")))
     }
 
     /// Back to the last place along the way on which the arm stopped.

@@ -260,6 +260,16 @@ fn a_far_start_needs_a_confirmation_and_is_driven_to_slowly() {
 }
 
 #[test]
+fn interlocks_are_watched_while_the_first_question_is_open() {
+    let mut live = session_with(2, expected(), Options { confirm_each: true, ..Options::default() });
+    let mut bench = Bench::new();
+    bench.give(&mut live, &Input::Connected(Box::new(facts())));
+    bench.walk(&mut live, 4.0, |at, s| s.digital_inputs = if (2.0..2.1).contains(&at) { 0 } else { s.digital_inputs });
+    let End::PreflightFailed(findings) = live.into_outcome().end else { panic!("it was not seen") };
+    assert!(findings[0].message.contains("cell released"), "{findings:?}");
+}
+
+#[test]
 fn every_move_is_confirmed_where_that_is_wanted() {
     let mut live = session_with(2, expected(), Options { confirm_each: true, ..Options::default() });
     let mut bench = Bench::new();
@@ -375,6 +385,45 @@ fn a_resumed_session_drives_back_and_visits_only_what_is_missing() {
     let outcome = live.into_outcome();
     assert_eq!(outcome.end, End::Complete);
     assert!(outcome.poses.iter().all(|p| p.capture.is_some()));
+}
+
+#[test]
+fn a_far_start_that_never_reached_home_is_asked_for_again() {
+    // Lost before the approach begins, and in the middle of it.
+    for seconds in [0.3, 0.55] {
+        let mut live = session(2);
+        let mut bench = Bench::new();
+        (bench.joints, bench.goal) = ([0.9; 6], [0.9; 6]);
+        bench.give(&mut live, &Input::Connected(Box::new(facts())));
+        bench.walk(&mut live, 0.5, |_, _| ());
+        bench.answers.push(Input::Confirmed);
+        bench.walk(&mut live, seconds - 0.1, |_, _| ());
+        bench.give(&mut live, &Input::RobotLost { why: "network".into() });
+        assert!(captures(&bench.commands).is_empty());
+        (bench.goal, bench.moving_until, bench.playing) = (bench.joints, 0.0, false);
+        bench.commands.clear();
+        bench.give(&mut live, &Input::Resumed);
+        bench.give(&mut live, &Input::Connected(Box::new(facts())));
+        bench.walk(&mut live, 5.0, |_, _| ());
+        let [(_, Command::Confirm { .. })] = bench.commands.as_slice() else { panic!("{:?}", bench.commands) };
+    }
+}
+
+#[test]
+fn a_start_beside_home_takes_a_way_of_its_own() {
+    let mut live = session(1);
+    let mut bench = Bench::new();
+    (bench.joints, bench.goal) = ([0.2; 6], [0.2; 6]);
+    bench.give(&mut live, &Input::Connected(Box::new(facts())));
+    let asked = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
+    let heard = std::sync::Arc::clone(&asked);
+    live.route.ways = Ways::new(move |from, to, _| {
+        heard.lock().unwrap().push((*from, *to));
+        Ok((joint(*to), 0.5))
+    });
+    bench.walk(&mut live, 10.0, |_, _| ());
+    assert_eq!(live.into_outcome().end, End::Complete);
+    assert!(asked.lock().unwrap().contains(&([0.2; 6], pose_joints(0))), "the way from where the arm really was");
 }
 
 #[test]
