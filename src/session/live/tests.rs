@@ -390,7 +390,7 @@ fn a_resumed_session_drives_back_and_visits_only_what_is_missing() {
 #[test]
 fn a_far_start_that_never_reached_home_is_asked_for_again() {
     // Lost before the approach begins, and in the middle of it.
-    for seconds in [0.3, 0.55] {
+    for seconds in [0.3, 0.36] {
         let mut live = session(2);
         let mut bench = Bench::new();
         (bench.joints, bench.goal) = ([0.9; 6], [0.9; 6]);
