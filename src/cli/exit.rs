@@ -8,6 +8,7 @@ use crate::config::ConfigError;
 use crate::devices::RobotError;
 use crate::devices::sim::cell::SimError;
 use crate::plan::PlanError;
+use crate::runner::LiveError;
 use crate::runner::setup::SetupError;
 use crate::runner::solve::{SolveError, Solved};
 use crate::session::End;
@@ -62,6 +63,10 @@ pub(super) fn of_error(error: &anyhow::Error) -> Exit {
         let of_user = setup.is_some_and(|s| !matches!(s, SetupError::Recording(_)));
         of_user || cause.is::<ConfigError>() || cause.is::<PlanError>() || cause.is::<UsageError>()
     });
+    // The arm stands where it was stopped.
+    if error.chain().any(|cause| cause.is::<LiveError>()) {
+        return Exit::OperatorNeeded;
+    }
     let unconnected = error.chain().any(|cause| cause.is::<ConnectError>());
     match (wrong, unconnected) {
         (true, _) => Exit::Usage,

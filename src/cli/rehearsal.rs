@@ -15,7 +15,9 @@ pub(super) fn finish(outcome: &Outcome, plan: &Plan, json: bool, notes: &[String
         let report = json!({ "poses": poses, "reached": reached, "total": outcome.poses.len() });
         print(&format!("{}\n", serde_json::to_string_pretty(&report)?))?;
     } else {
-        let mut text: String = rows.map(|(id, record)| pose_line(id, record)).collect();
+        // Before the first pose there is nothing to list.
+        let shown = rows.filter(|_| reached > 0);
+        let mut text: String = shown.map(|(id, record)| pose_line(id, record)).collect();
         text.push_str(&format!("rehearsal: {reached} of {} poses reached\n", outcome.poses.len()));
         print(&text)?;
     }
@@ -47,6 +49,6 @@ fn pose_line(id: &str, record: &PoseRecord) -> String {
             let shown = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.1e}"));
             format!("{id}: still, joint speed at most {} rad/s, spread {} rad\n", shown(speed), shown(spread))
         }
-        (None, why) => format!("{id}: not reached: {}\n", why.as_deref().unwrap_or("no reason is known")),
+        (None, why) => format!("{id}: {}\n", why.as_deref().unwrap_or("no reason is known")),
     }
 }

@@ -6,10 +6,10 @@ use clap::Args;
 
 use super::exit::UsageError;
 use super::progress::say;
-use super::run::{close, free_name, refuse_unwatched, solve, time_scale};
+use super::run::{close, free_name, refuse_unanswered, refuse_unwatched, solve, time_scale};
 use super::session::{AtTerminal, Steps, interrupts, open, tell};
 use super::{Exit, cell, rehearsal};
-use crate::config::MotionBy;
+use crate::config::{Cell, MotionBy};
 use crate::devices::sim::cell::SimStart;
 use crate::recording::{Attachment, Entry, Kind, Recording, Writer};
 use crate::runner::setup::{CellTexts, MachineSpec, Planned};
@@ -47,6 +47,7 @@ impl Resume {
         if recording.about.kind != Kind::Live {
             return Err(refuse("an imported session cannot be resumed".into()).into());
         }
+        recording.damage.iter().for_each(|damage| say(&format!("warning: {damage}")));
         let texts = CellTexts::of_recording(&recording)?;
         self.refuse_other_cell(&texts)?;
         let options = RunOptions::of_facts(&recording.about.facts);
@@ -54,11 +55,7 @@ impl Resume {
         let mut about = recording.about.clone();
         about.facts.insert("resumed_from_session".into(), about.session_id.clone());
         let seed = about.facts.get("sim_seed").and_then(|s| s.parse().ok());
-        refuse_unwatched(&self.session, &cell, self.unattended)?;
-        if matches!(cell.robot.motion, MotionBy::External(_)) {
-            let why = "a program of the plant moved the arm, and it cannot be told where to go on; begin a new session";
-            return Err(refuse(why.into()).into());
-        }
+        self.refuse(&cell, &options)?;
         let MachineSpec::Live { route, limits, expected, options: how, load } = setup.machine.clone() else {
             return Err(refuse("an imported session cannot be resumed".into()).into());
         };
@@ -104,6 +101,16 @@ impl Resume {
             return rehearsal::finish(&outcome, &plan, self.json, &steps.notes);
         }
         solve(&path, self.json, &steps.notes)
+    }
+
+    fn refuse(&self, cell: &Cell, run: &RunOptions) -> Result<(), UsageError> {
+        refuse_unanswered(&self.session, run, self.unattended)?;
+        refuse_unwatched(&self.session, cell, self.unattended)?;
+        if matches!(cell.robot.motion, MotionBy::External(_)) {
+            let why = "a program of the plant moved the arm, and it cannot be told where to go on; begin a new session";
+            return Err(UsageError(format!("{}: {why}", self.session.display())));
+        }
+        Ok(())
     }
 
     fn refuse_other_cell(&self, texts: &CellTexts) -> anyhow::Result<()> {

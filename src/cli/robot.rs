@@ -96,9 +96,12 @@ pub(super) fn wall_clock() -> Arc<dyn Clock> {
     Arc::new(WallClock::starting_at(Stamp(0)))
 }
 
-/// Everything that pre-flight would refuse now, but for where the arm stands.
+/// Everything that pre-flight would refuse now, or ask the operator about.
 pub(super) fn preflight_findings(cell: &Cell, facts: &RobotFacts, sample: &RobotSample) -> Vec<Finding> {
-    session::preflight_findings(facts, sample, &expected_of(cell))
+    let expected = expected_of(cell);
+    let mut found = session::preflight_findings(facts, sample, &expected);
+    found.extend(session::start_finding(sample, &expected));
+    found
 }
 
 /// The state of a robot.

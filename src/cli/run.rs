@@ -101,7 +101,7 @@ impl Run {
         }
         let options = RunOptions { speed: self.speed, confirm_each: self.step, rehearsal: self.rehearse };
         let Planned { cell, plan, setup } = texts.plan_with(&options)?;
-        self.refuse(&cell)?;
+        self.refuse(&cell, &options)?;
         if let (_, Some(why)) = cell::observability_of(&cell, &plan)
             && !self.rehearse
         {
@@ -130,11 +130,12 @@ impl Run {
         solve(&path, self.json, &steps.notes)
     }
 
-    fn refuse(&self, cell: &Cell) -> Result<(), UsageError> {
+    fn refuse(&self, cell: &Cell, run: &RunOptions) -> Result<(), UsageError> {
         if !self.sim_faults.is_empty() && cell.robot.driver != RobotDriver::Sim {
             let why = "--sim-fault is for the simulated robot";
             return Err(UsageError(format!("{}: {why}", self.cell.display())));
         }
+        refuse_unanswered(&self.cell, run, self.unattended)?;
         refuse_unwatched(&self.cell, cell, self.unattended)
     }
 
@@ -148,6 +149,14 @@ impl Run {
         let seed = format!("{}{}{}", texts.cell.1, now.as_nanosecond(), std::process::id());
         Ok((sha256(seed.as_bytes())[..16].to_owned(), path))
     }
+}
+
+/// Every move is to be confirmed, and nobody is there who could.
+pub(super) fn refuse_unanswered(file: &Path, run: &RunOptions, unattended: bool) -> Result<(), UsageError> {
+    if !run.confirm_each || (!unattended && std::io::stdin().is_terminal()) {
+        return Ok(());
+    }
+    Err(UsageError(format!("{}: every move is to be confirmed, but stdin is no terminal", file.display())))
 }
 
 /// Nobody watches an unattended session, or a real arm without a terminal: then an input must release the cell.
@@ -186,7 +195,7 @@ pub(super) fn close(
                 Ok(()) => say("the arm is stopped"),
                 Err(why) => say(&format!("the stop did not get through whole: {why}; look at the arm")),
             }
-            say(&format!("what was logged is in {}", path.display()));
+            say(&format!("what was logged is in {}; when the cause is mended: cellcal resume {0}", path.display()));
             Err(error.into())
         }
     }

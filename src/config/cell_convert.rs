@@ -10,7 +10,7 @@ use super::cell_file::{
 use super::dictionaries;
 use super::error::Findings;
 use super::pose::PoseFile;
-use super::robot::{External, MotionBy};
+use super::robot::{External, Interlock, Line, MotionBy};
 use crate::board::{Board, BoardError};
 use crate::calibration::settings::{Carried, Gates, Settings};
 use crate::geometry::{Camera, Transform};
@@ -199,6 +199,25 @@ fn check_controller(file: &RobotFile, findings: &mut Findings<'_>) {
     if let Some(program) = file.load_program.as_ref().filter(|p| !is_program_name(p)) {
         findings.add("robot.load_program", format!("is {program:?}: give the name of a program, ending in .urp"));
     }
+    check_inputs(file, findings);
+    if let (Some(calibrating), MotionBy::External(external)) = (&file.signals.calibrating, &file.motion) {
+        let ours = Line::DigitalOutput(calibrating.digital_output);
+        if [external.at_pose, external.captured].contains(&ours) {
+            findings.add("robot.signals.calibrating", "is an output of motion.external too: give another");
+        }
+    }
+    if let Some(version) = &file.controller_version {
+        let numbers = version.split('.').all(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()));
+        if !numbers {
+            findings.add("robot.controller_version", format!("is {version:?}: give numbers such as \"5.12\""));
+        }
+    }
+    if file.serial.as_ref().is_some_and(|s| s.is_empty() || !s.bytes().all(|b| b.is_ascii_alphanumeric())) {
+        findings.add("robot.serial", "is no serial number: use letters and digits, or leave it out");
+    }
+    if let Some(address) = file.address.as_ref().filter(|a| !is_host(a)) {
+        findings.add("robot.address", format!("is {address:?}: give a host name or an IP address, without a port"));
+    }
     if let MotionBy::External(External { at_pose, captured, patience_s }) = &file.motion {
         for (key, line) in [("at_pose", at_pose), ("captured", captured)] {
             if let Some(problem) = line.problem() {
@@ -212,6 +231,32 @@ fn check_controller(file: &RobotFile, findings: &mut Findings<'_>) {
             findings.add("robot.motion.external.patience_s", format!("is {patience_s}, outside 1 to 3600"));
         }
     }
+}
+
+/// Inputs that can all have their values at once, with meanings that can be shown.
+fn check_inputs(file: &RobotFile, findings: &mut Findings<'_>) {
+    let interlocks = file.interlocks.iter().enumerate().map(|(i, l)| (format!("robot.interlocks[{i}]"), l));
+    let gripper = file.gripper_empty.iter().map(|l| ("robot.gripper_empty".to_owned(), l));
+    let all: Vec<_> = interlocks.chain(gripper).collect();
+    for (i, (path, input)) in all.iter().enumerate() {
+        let shown = !input.meaning.trim().is_empty() && !input.meaning.chars().any(char::is_control);
+        if !shown || input.meaning.len() > 200 {
+            findings.add(&format!("{path}.meaning"), "must say in 1 to 200 plain characters what the input means");
+        }
+        let same = |(_, other): &&(String, &Interlock)| other.digital_input == input.digital_input;
+        if all[..i].iter().find(same).is_some_and(|(_, other)| other.must_be != input.must_be) {
+            let number = input.digital_input;
+            findings.add(&format!("{path}.must_be"), format!("contradicts another entry for digital input {number}"));
+        }
+    }
+}
+
+/// A host name, an IPv4 or an IPv6 address.
+fn is_host(address: &str) -> bool {
+    let name = |c: char| c.is_ascii_alphanumeric() || c == '.' || c == '-' || c == '_';
+    let is_name = !address.is_empty() && address.len() <= 253 && address.chars().all(name);
+    let of_v6 = |c: char| c.is_ascii_hexdigit() || c == ':' || c == '.';
+    is_name || (address.matches(':').count() >= 2 && address.len() <= 45 && address.chars().all(of_v6))
 }
 
 /// Sent to the dashboard as one line: no line ends, no surprises.

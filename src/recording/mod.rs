@@ -20,6 +20,14 @@ pub use writer::Writer;
 
 use std::path::PathBuf;
 
+/// What the library said; an error of the system as such, so that a full disk is called one.
+fn of_mcap(path: &std::path::Path, why: mcap::McapError) -> RecordingError {
+    match why {
+        mcap::McapError::Io(why) => RecordingError::Io { path: path.into(), why },
+        why => RecordingError::Mcap { path: path.into(), why },
+    }
+}
+
 /// What can go wrong with a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {

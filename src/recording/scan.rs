@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use mcap::records::Record;
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 /// One message, decompressed.
 #[derive(Debug, Clone)]
@@ -53,7 +54,7 @@ pub fn scan(bytes: &[u8]) -> Scan {
     };
     for record in reader {
         match record {
-            Ok(Record::Chunk { header, data }) => scan.chunk(header, &data, &mut topics),
+            Ok(Record::Chunk { header, data }) => scan.chunk(&header, &data, &mut topics),
             Ok(Record::DataEnd(_)) => ended = true,
             Ok(Record::Unknown { opcode: 0, .. }) => break,
             Ok(record) => scan.take(record, &mut topics),
@@ -71,13 +72,59 @@ pub fn scan(bytes: &[u8]) -> Scan {
     scan
 }
 
+/// Decompresses a chunk and takes it apart; nothing is believed before its checksum is right.
+///
+/// The library's own reader of chunks believes the lengths inside before it knows the checksum, and asks for
+/// memory accordingly.
+fn records_of(header: &mcap::records::ChunkHeader, data: &[u8]) -> mcap::McapResult<Vec<Record<'static>>> {
+    // What lz4 can make of these bytes at the most.
+    let limit = data.len().saturating_mul(256).clamp(1 << 20, 1 << 30);
+    let options = LinearReaderOptions::default()
+        .with_skip_start_magic(true)
+        .with_skip_end_magic(true)
+        .with_prevalidate_chunk_crcs(true)
+        .with_record_length_limit(limit);
+    let mut reader = LinearReader::new_with_options(options);
+    let whole = as_record(header, data);
+    let (mut rest, mut records) = (whole.as_slice(), Vec::new());
+    while let Some(event) = reader.next_event() {
+        match event? {
+            LinearReadEvent::ReadRequest(need) => {
+                let (now, later) = rest.split_at(need.min(rest.len()));
+                reader.insert(now.len()).copy_from_slice(now);
+                reader.notify_read(now.len());
+                rest = later;
+            }
+            LinearReadEvent::Record { data, opcode } => records.push(mcap::parse_record(opcode, data)?.into_owned()),
+        }
+    }
+    Ok(records)
+}
+
+/// The chunk as it stands in a file.
+fn as_record(header: &mcap::records::ChunkHeader, data: &[u8]) -> Vec<u8> {
+    let name = header.compression.as_bytes();
+    let mut body = Vec::with_capacity(data.len() + name.len() + 64);
+    body.extend(header.message_start_time.to_le_bytes());
+    body.extend(header.message_end_time.to_le_bytes());
+    body.extend(header.uncompressed_size.to_le_bytes());
+    body.extend(header.uncompressed_crc.to_le_bytes());
+    body.extend((name.len() as u32).to_le_bytes());
+    body.extend(name);
+    body.extend((data.len() as u64).to_le_bytes());
+    body.extend(data);
+    let mut record = vec![mcap::records::op::CHUNK];
+    record.extend((body.len() as u64).to_le_bytes());
+    record.append(&mut body);
+    record
+}
+
 impl Scan {
-    fn chunk(&mut self, header: mcap::records::ChunkHeader, data: &[u8], topics: &mut BTreeMap<u16, Arc<str>>) {
+    fn chunk(&mut self, header: &mcap::records::ChunkHeader, data: &[u8], topics: &mut BTreeMap<u16, Arc<str>>) {
         let from_s = header.message_start_time as f64 * 1e-9;
         // Power loss leaves zeros behind what was written; before them an uncompressed chunk is as it was.
         let zero_tail = header.compression.is_empty() && data.ends_with(&[0; 64]);
-        let records = mcap::read::ChunkReader::new(header, data).and_then(|chunk| chunk.collect::<Result<Vec<_>, _>>());
-        match records {
+        match records_of(header, data) {
             Ok(records) => records.into_iter().for_each(|record| self.take(record, topics)),
             Err(error) => {
                 let kept = if zero_tail { self.before_zeros(data, topics) } else { 0 };

@@ -52,7 +52,7 @@ impl Writer {
         // Never over the remains of another session.
         let file = File::create_new(&partial).map_err(io)?;
         let buffered = BufWriter::new(file.try_clone().map_err(io)?);
-        let of_mcap = |why| RecordingError::Mcap { path: partial.clone(), why };
+        let of_mcap = |why| super::of_mcap(&partial, why);
         let options = mcap::WriteOptions::new()
             .compression(Some(mcap::Compression::Lz4))
             .chunk_size(Some(1 << 20))
@@ -103,7 +103,7 @@ impl Writer {
 
     /// Puts everything logged so far on the disk.
     pub fn sync(&mut self) -> Result<(), RecordingError> {
-        self.mcap.flush().map_err(|why| RecordingError::Mcap { path: self.partial.clone(), why })?;
+        self.mcap.flush().map_err(|why| super::of_mcap(&self.partial, why))?;
         self.file.sync_data().map_err(|why| RecordingError::Io { path: self.partial.clone(), why })
     }
 
@@ -114,7 +114,7 @@ impl Writer {
 
     /// Closes the file, syncs it and gives it its final name.
     pub fn finish(mut self) -> Result<PathBuf, RecordingError> {
-        self.mcap.finish().map_err(|why| RecordingError::Mcap { path: self.partial.clone(), why })?;
+        self.mcap.finish().map_err(|why| super::of_mcap(&self.partial, why))?;
         let io = |why| RecordingError::Io { path: self.path.clone(), why };
         self.file.sync_all().map_err(io)?;
         fs::rename(&self.partial, &self.path).map_err(io)?;
@@ -134,9 +134,7 @@ impl Writer {
     fn message(&mut self, channel_id: u16, at: Stamp, bytes: &[u8]) -> Result<(), RecordingError> {
         self.sequence = self.sequence.wrapping_add(1);
         let header = MessageHeader { channel_id, sequence: self.sequence, log_time: at.0, publish_time: at.0 };
-        self.mcap
-            .write_to_known_channel(&header, bytes)
-            .map_err(|why| RecordingError::Mcap { path: self.partial.clone(), why })
+        self.mcap.write_to_known_channel(&header, bytes).map_err(|why| super::of_mcap(&self.partial, why))
     }
 
     fn broken(&self, what: String) -> RecordingError {

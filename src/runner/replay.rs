@@ -116,14 +116,25 @@ pub(super) fn is_same(recorded: &Command, now: &Command) -> bool {
 
 pub(super) fn described(command: &Command) -> String {
     match command {
-        Command::Move { pose, target } => format!("move to pose {} ({target:?})", pose + 1),
+        Command::Move { pose, target } => format!("move to pose {} ({})", pose + 1, shown(target)),
         Command::Capture { pose, attempt } => format!("capture at pose {}, try {}", pose + 1, attempt + 1),
         Command::Wait { pose, attempt } => format!("wait at pose {} for try {}", pose + 1, attempt + 1),
         Command::Stop { why } => format!("stop: {why}"),
         Command::Confirm { question } => format!("ask: {question}"),
         Command::Start => "start the program".into(),
-        Command::Travel { why, target } => format!("travel {why} ({target:?})"),
+        Command::Travel { why, target } => format!("travel {why} ({})", shown(target)),
         Command::Finish { load: None } => "finish".into(),
         Command::Finish { load: Some(program) } => format!("finish and load {program}"),
+    }
+}
+
+fn shown(target: &MoveTarget) -> String {
+    let list = |numbers: &[f64], factor: f64| {
+        let each: Vec<_> = numbers.iter().map(|v| format!("{:.3}", v * factor)).collect();
+        each.join(", ")
+    };
+    match target {
+        MoveTarget::Joint { joints_rad, .. } => format!("joints {} deg", list(joints_rad, 1f64.to_degrees())),
+        MoveTarget::Linear { tcp_pose, .. } => format!("in a line to {} mm", list(&tcp_pose[..3], 1e3)),
     }
 }

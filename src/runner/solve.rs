@@ -93,6 +93,9 @@ pub fn solve_recording(
     result.timing = views.seen.timing.clone().map(Into::into);
     result.warnings.extend(views.seen.problems.iter().cloned());
     result.warnings.extend(recording.damage.iter().map(|d| format!("the recording is damaged: {d}")));
+    if recording.about.facts.contains_key("rehearsal") {
+        result.warnings.insert(0, "this is a rehearsal: the poses were walked without cameras".into());
+    }
     let skipped =
         outcome.poses.iter().zip(&result.poses).filter_map(|(record, pose)| Some((pose, record.skipped.as_ref()?)));
     let skipped: Vec<_> = skipped.map(|(pose, why)| format!("pose {} was not captured: {why}", pose.pose_id)).collect();

@@ -17,7 +17,7 @@ pub mod types;
 pub use imported::Imported;
 pub use live::{Live, Options};
 pub use modes::{robot_mode_name, runtime_state_name, safety_mode_name};
-pub use preflight::{Expected, Finding, findings as preflight_findings};
+pub use preflight::{Expected, Finding, findings as preflight_findings, start_finding};
 pub use route::{Route, Stop, Ways};
 pub use salvage::Salvage;
 pub use stillness::Evidence;

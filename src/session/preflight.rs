@@ -127,7 +127,7 @@ fn of_facts(facts: &RobotFacts, expected: &Expected) -> Vec<Finding> {
             let what = id.replace('_', " ");
             found.push(Finding::new(
                 id,
-                format!("the {what} of the controller is {now}, the cell says `{wanted}`; is this the right robot?"),
+                format!("the {what} of the controller is {now}, the cell expects `{wanted}`; is this the right robot?"),
             ));
         }
     };
@@ -210,6 +210,12 @@ fn of_settings(sample: &RobotSample, expected: &Expected) -> Vec<Finding> {
     found
 }
 
+/// Whether the arm is too far from where a session starts; then an operator must confirm the way there.
+pub fn start_finding(sample: &RobotSample, expected: &Expected) -> Option<Finding> {
+    let far = too_far(sample, expected)?;
+    Some(Finding::new("start_pose", far_from_start(far, expected)))
+}
+
 /// The largest distance of a joint from where the session starts, rad, if it is too far.
 pub(super) fn too_far(sample: &RobotSample, expected: &Expected) -> Option<f64> {
     let away = |(a, b): (&f64, &f64)| (a - b).abs();
@@ -236,15 +242,15 @@ pub(super) fn may_move(sample: &RobotSample, expected: &Expected) -> Result<(), 
 
 fn is_safe(sample: &RobotSample, expected: &Expected) -> Result<(), Finding> {
     let bit = |bits: u32, n: u32| bits >> n & 1 == 1;
-    if sample.robot_mode != 7 {
-        let name = robot_mode_name(sample.robot_mode);
-        return Err(Finding::new("robot_mode", format!("the robot mode is {name}, not 7 (RUNNING)")));
-    }
     let safe = sample.safety_mode == 1 || (sample.safety_mode == 2 && expected.allow_reduced);
     if !safe {
         let hint = if sample.safety_mode == 2 { "; `allow_reduced: true` would permit it" } else { "" };
         let name = safety_mode_name(sample.safety_mode);
         return Err(Finding::new("safety_mode", format!("the safety mode is {name}, not 1 (NORMAL){hint}")));
+    }
+    if sample.robot_mode != 7 {
+        let name = robot_mode_name(sample.robot_mode);
+        return Err(Finding::new("robot_mode", format!("the robot mode is {name}, not 7 (RUNNING)")));
     }
     if bit(sample.safety_status_bits, 10) {
         return Err(Finding::new("safety_stop", "the robot is stopped due to safety"));

@@ -2,6 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use cellcal::recording::scan::{Scan, scan};
+
+use crate::bench::Bench;
 use crate::support::{cellcal, expect, json, stderr, text};
 
 /// The shipped cell with one text replaced, in a folder of its own.
@@ -105,4 +108,20 @@ fn the_target_is_drawn_for_a_panel() {
         &pattern,
     );
     assert_eq!(view.unwrap().corners.len(), 24);
+}
+
+#[test]
+fn no_damage_makes_the_reader_ask_for_the_moon() {
+    let bench = Bench::new(Vec::new());
+    let recording = bench.run(|_| ()).unwrap().recording;
+    let whole = std::fs::read(recording).unwrap();
+    let captures = |scan: &Scan| scan.messages.len();
+    let all = captures(&scan(&whole));
+    // Steps that fall on lengths, checksums and compressed data alike.
+    for at in (8..whole.len()).step_by(whole.len() / 400) {
+        let mut bytes = whole.clone();
+        bytes[at] ^= 0xff;
+        let read = scan(&bytes);
+        assert!(captures(&read) <= all, "byte {at}: {} of {all} messages", captures(&read));
+    }
 }

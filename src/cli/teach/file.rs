@@ -144,6 +144,11 @@ fn folder_of(path: &Path) -> &Path {
 
 /// Replaces a file in one step: after a crash or a power cut it is the old or the new one, whole.
 pub(in crate::cli) fn put(path: &Path, text: &str) -> anyhow::Result<()> {
+    // A link stays a link, and a device is nothing to replace.
+    let path = &fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    if path.exists() && !path.is_file() {
+        return Err(UsageError(format!("{}: is no regular file; give another name", path.display())).into());
+    }
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(".partial");
     let fresh = path.with_file_name(name);

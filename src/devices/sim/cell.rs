@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use super::rig::{Placement, Rig, SimEventCamera, SimFrameCamera};
 use super::scene::{DisplaySpec, EventSpec, FrameSpec, Optics, Scene, SceneError, SceneSpec};
 use super::ur::{Flaws, Planned as PlannedFault, SimClock, SimController, SimUrConfig, Truth};
-use crate::config::{Cell, Mount, Section};
+use crate::config::{Cell, Interlock, Mount, Section};
 use crate::cv::{CvError, charuco};
 use crate::devices::ur::{UrConfig, UrRobot};
 use crate::devices::{Clock, EventCamera, FrameCamera, Robot, RobotError};
@@ -189,9 +189,16 @@ pub fn controller_config(cell: &Cell, flaws: Flaws, time_scale: f64) -> SimUrCon
         tcp_offset: robot.tcp_offset.pose_vector(),
         payload_kg: robot.payload_kg,
         payload_cog_m: robot.payload_cog_m,
+        // The cell is released until a fault says otherwise.
+        digital_inputs: kept_inputs(robot.interlocks.iter().chain(&robot.gripper_empty)),
         serial: robot.serial.clone().unwrap_or_else(|| SimUrConfig::default().serial),
         ..SimUrConfig::default()
     }
+}
+
+/// Inputs with which these interlocks let the arm move.
+fn kept_inputs<'a>(interlocks: impl Iterator<Item = &'a Interlock>) -> u64 {
+    interlocks.filter(|interlock| interlock.must_be).fold(0, |bits, interlock| bits | 1 << interlock.digital_input)
 }
 
 /// The true lenses: frame camera and event camera.

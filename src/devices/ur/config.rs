@@ -130,7 +130,8 @@ impl UrConfig {
     }
 
     pub(super) fn address(&self, port: u16) -> String {
-        format!("{}:{port}", self.host)
+        // The colons of an IPv6 address are not that of the port.
+        if self.host.contains(':') { format!("[{}]:{port}", self.host) } else { format!("{}:{port}", self.host) }
     }
 }
 

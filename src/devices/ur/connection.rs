@@ -123,7 +123,9 @@ impl Connection {
         let bad: Vec<_> = wanted.iter().zip(fields).filter(|((_, t), f)| **f != FieldAnswer::Typed(*t)).collect();
         if !bad.is_empty() {
             let said: Vec<_> = bad.iter().map(|((name, _), field)| format!("{name} is {}", field.name())).collect();
-            let why = format!("{}; IN_USE: another RTDE client or a fieldbus owns it", said.join(", "));
+            let taken = bad.iter().any(|(_, field)| **field == FieldAnswer::InUse);
+            let hint = if taken { "; another RTDE client or a fieldbus owns what is IN_USE" } else { "" };
+            let why = format!("{}{hint}", said.join(", "));
             return Err(self.refused("RTDE fields", &why));
         }
         if id == 0 {

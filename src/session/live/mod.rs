@@ -286,6 +286,10 @@ impl Live {
         if steady && (!moving.leg.capture || self.history.is_still(&self.limits)) {
             return Some(self.arrived(at, sample));
         }
+        if late_move && self.expected.external {
+            let why = format!("the program of the plant has not set at_pose within {deadline_s:.0} s ({place})");
+            return Some(self.stop(why));
+        }
         if late_move || late_still {
             let what = if late_move { "has not arrived" } else { "does not come to rest" };
             return Some(self.stop(format!("the arm {what} after {:.1} s ({place})", waited_s(started))));

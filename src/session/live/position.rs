@@ -49,7 +49,7 @@ impl Live {
         let near_start = preflight::too_far(sample, &self.expected).is_none();
         if near_start {
             self.position = Position { node: Node::Home, node_joints: joints, leg: None };
-            return self.from_beside_start(&joints).map_err(Some);
+            return self.legs_beside_start(&joints).map_err(Some);
         }
         if let Some(Err(off)) = back {
             return Err(Some(off));
@@ -63,7 +63,7 @@ impl Live {
     }
 
     /// The first moves, checked from where the arm really is.
-    fn from_beside_start(&self, joints: &Joints) -> Result<VecDeque<Leg>, Finding> {
+    fn legs_beside_start(&self, joints: &Joints) -> Result<VecDeque<Leg>, Finding> {
         let Some(pose) = self.next_missing() else { return Ok(VecDeque::new()) };
         let legs = self.route.to_pose(Node::Home, joints, pose).map(VecDeque::from);
         legs.map_err(|why| Finding::new("start_pose", format!("the arm cannot drive from where it is: it {why}")))

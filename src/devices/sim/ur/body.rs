@@ -134,7 +134,7 @@ impl Body {
             inputs: Inputs::new(),
             output_int: [0; REGISTERS],
             output_double: [0.0; REGISTERS],
-            digital_inputs: 0,
+            digital_inputs: config.digital_inputs,
             digital_outputs: 0,
             io: Io::default(),
             panel: Panel::default(),

@@ -147,6 +147,8 @@ pub struct SimUrConfig {
     pub safety_stop_rad_s2: f64,
     /// Joint speed below which `is_steady()` is true, rad/s.
     pub steady_rad_s: f64,
+    /// Digital inputs at the start, bit by bit.
+    pub digital_inputs: u64,
     /// What goes wrong, and when.
     pub faults: Vec<Planned>,
     /// Simulated time for which [`super::Truth`] remembers where the arm was, s.
@@ -178,6 +180,7 @@ impl Default for SimUrConfig {
             program_stop_rad_s2: 8.0,
             safety_stop_rad_s2: 20.0,
             steady_rad_s: 0.002,
+            digital_inputs: 0,
             faults: Vec::new(),
             truth_kept_s: 10.0,
         }
