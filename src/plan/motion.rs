@@ -77,6 +77,9 @@ pub(super) fn pause_s(cell: &Cell) -> f64 {
     cell.robot.stillness.window_s + capture_s
 }
 
+/// A straight line that turns by 1 rad is taken to last as long as one of this length, m [assumed].
+const TURN_RADIUS_M: f64 = 0.2;
+
 /// What the fastest stretch of a way asks of joints and TCP.
 struct Caps {
     /// Largest turn of a joint over the whole way, rad.
@@ -122,7 +125,9 @@ impl Caps {
         let per_m = if length_m > 1e-4 { self.joint_rad_per_m.max(1e-9) } else { 1e-9 };
         let speed_m_s = limits.tcp_speed_m_s.min(limits.joint_speed_rad_s / per_m);
         let acceleration_m_s2 = limits.tcp_acceleration_m_s2.min(limits.joint_acceleration_rad_s2 / per_m);
-        let straight_s = trapezoid_s(length_m, speed_m_s, acceleration_m_s2);
+        // A turn is slowed down with the way: a deadline must allow for it.
+        let way_m = length_m.max(TURN_RADIUS_M * turn_rad);
+        let straight_s = trapezoid_s(way_m, speed_m_s, acceleration_m_s2);
         let turning_s = trapezoid_s(turn_rad, limits.joint_speed_rad_s, limits.joint_acceleration_rad_s2);
         let target = MoveTarget::Linear { tcp_pose: base_from_tcp.pose_vector(), speed_m_s, acceleration_m_s2 };
         (target, straight_s.max(turning_s))

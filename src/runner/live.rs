@@ -21,7 +21,14 @@ const CAPTURE_TIMEOUT_S: f64 = 10.0;
 pub enum LiveError {
     /// The log cannot be written: nothing may happen that is not logged.
     #[error("the session cannot be logged: {0}")]
-    Recording(#[from] RecordingError),
+    Recording(RecordingError),
+}
+
+/// Its words are in ours: it is no further cause.
+impl From<RecordingError> for LiveError {
+    fn from(error: RecordingError) -> Self {
+        Self::Recording(error)
+    }
 }
 
 /// Whoever can answer a question while the arm is held.

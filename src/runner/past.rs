@@ -15,10 +15,17 @@ use crate::session::{Command, Input, Stamp};
 pub enum PastError {
     /// The program decides differently now, or the recording is damaged in the middle.
     #[error("the session cannot be resumed: {0}; begin a new one")]
-    Diverged(#[from] Diverged),
+    Diverged(Diverged),
     /// The new file cannot be written.
     #[error(transparent)]
     Recording(#[from] RecordingError),
+}
+
+/// Its words are in ours: it is no further cause.
+impl From<Diverged> for PastError {
+    fn from(diverged: Diverged) -> Self {
+        Self::Diverged(diverged)
+    }
 }
 
 /// A recorded session as a world that writes itself anew.
