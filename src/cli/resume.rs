@@ -12,10 +12,9 @@ use super::{Exit, cell, rehearsal};
 use crate::config::{Cell, MotionBy};
 use crate::devices::sim::cell::SimStart;
 use crate::recording::{Attachment, Entry, Kind, Recording, Writer};
-use crate::runner::setup::{CellTexts, MachineSpec, Planned};
-
+use crate::runner::setup::{CellTexts, Planned};
 use crate::runner::{self, Live, Past, RunOptions, Told};
-use crate::session::{self, Input, Machine as _, Stamp};
+use crate::session::{Input, Machine as _, Stamp};
 
 /// From the last input of the old part to the first of the new one, ns.
 const PAUSE_NS: u64 = 1_000_000_000;
@@ -43,51 +42,35 @@ pub(super) struct Resume {
 impl Resume {
     pub(super) fn execute(self) -> anyhow::Result<Exit> {
         let recording = Recording::open(&self.session)?;
-        let refuse = |why: String| UsageError(format!("{}: {why}", self.session.display()));
+        let refuse = |why: &str| UsageError(format!("{}: {why}", self.session.display()));
         if recording.about.kind != Kind::Live {
-            return Err(refuse("an imported session cannot be resumed".into()).into());
+            return Err(refuse("an imported session cannot be resumed").into());
         }
         recording.damage.iter().for_each(|damage| say(&format!("warning: {damage}")));
         let texts = CellTexts::of_recording(&recording)?;
         self.refuse_other_cell(&texts)?;
         let options = RunOptions::of_facts(&recording.about.facts);
         let Planned { cell, plan, setup } = texts.plan_with(&options)?;
-        let mut about = recording.about.clone();
-        about.facts.insert("resumed_from_session".into(), about.session_id.clone());
+        let about = recording.about.clone();
         let seed = about.facts.get("sim_seed").and_then(|s| s.parse().ok());
         self.refuse(&cell, &options)?;
-        let MachineSpec::Live { route, limits, expected, options: how, load } = setup.machine.clone() else {
-            return Err(refuse("an imported session cannot be resumed".into()).into());
-        };
-        let mut machine = session::Live::new(*route, limits, *expected, how, load);
+        let machine = setup.machine.clone().into_live();
+        let mut machine = machine.ok_or_else(|| refuse("an imported session cannot be resumed"))?;
         let stood = last_joints(&recording);
         let path = self.new_name()?;
         let mut writer = Writer::create(&path, &about, &attachments(&recording))?;
+        let mut fresh = Fresh { path: &path, keep: false };
         let mut past = Past::new(recording, &mut writer);
-        let copied = runner::drive(&mut machine, &mut past);
-        let last = past.last();
-        if let Err(error) = copied {
-            drop(writer);
-            remove_partial(&path);
-            return Err(error.into());
-        }
+        runner::drive(&mut machine, &mut past)?;
+        let first = Stamp(past.last().0.saturating_add(PAUSE_NS));
         let missing = machine.missing();
         if missing == 0 {
-            drop(writer);
-            remove_partial(&path);
-            return Err(refuse("no pose is missing; `cellcal replay` solves it".into()).into());
+            return Err(refuse("no pose is missing; `cellcal replay` solves it").into());
         }
         say(&format!("{missing} of {} poses are missing", plan.poses.len()));
-        let first = Stamp(last.0.saturating_add(PAUSE_NS));
         let start = SimStart { first, joints_rad: stood, ..SimStart::default() };
-        let bench = match open(&self.session, &cell, &options, seed, self.time_scale, start) {
-            Ok(bench) => bench,
-            Err(error) => {
-                drop(writer);
-                remove_partial(&path);
-                return Err(error);
-            }
-        };
+        let bench = open(&self.session, &cell, &options, seed, self.time_scale, start)?;
+        fresh.keep = true;
         let mut operator = AtTerminal::new(self.unattended);
         let mut steps = Steps::new(&plan);
         let mut hear = |told: Told<'_>| steps.hear(told);
@@ -147,7 +130,16 @@ fn last_joints(recording: &Recording) -> Option<[f64; 6]> {
     })
 }
 
-fn remove_partial(path: &Path) {
-    // It holds nothing that the old file does not hold.
-    let _ = std::fs::remove_file(path.with_extension("mcap.partial"));
+/// A new file that goes again where the session does not go on: it holds nothing that the old one does not hold.
+struct Fresh<'a> {
+    path: &'a Path,
+    keep: bool,
+}
+
+impl Drop for Fresh<'_> {
+    fn drop(&mut self) {
+        if !self.keep {
+            let _ = std::fs::remove_file(self.path.with_extension("mcap.partial"));
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! Before any motion: every pose of a session, with reach, limits, keep-out boxes, view and duration checked.
 //!
 //! Pure: no files, no clock. Uses `geometry`, `board` and `config`.
-//! Start at [`expand`]; [`Clearance`] and [`joint_move`] are for moves that come up at run time.
+//! Start at [`expand`]; [`Clearance`] and [`JointMoves`] are for moves that come up at run time.
 
 mod clearance;
 mod motion;
@@ -204,17 +204,26 @@ pub fn expand_with(cell: &Cell, arm: &Arm, trajectories: &[(PoseKind, Trajectory
     }
 }
 
-/// A joint move that came up at run time: within the joint limits, clear of all boxes, slow enough for the caps of
-/// joints and TCP times `speed_factor` (0.01 to 1; beyond, the nearer of the two). With its time, seconds.
-pub fn joint_move(
-    cell: &Cell,
-    arm: &Arm,
-    from: &Joints,
-    to: &Joints,
-    speed_factor: f64,
-) -> Result<(MoveTarget, f64), Refusal> {
-    let planned = motion::joint_move(cell, arm, &Clearance::of(cell, arm), [from, to], speed_factor)?;
-    Ok((planned.target, planned.move_s))
+/// Plans joint moves that come up at run time, against boxes and shapes that are looked at once.
+#[derive(Debug, Clone)]
+pub struct JointMoves {
+    cell: Cell,
+    arm: Arm,
+    clearance: Clearance,
+}
+
+impl JointMoves {
+    /// For the arm of a cell.
+    pub fn of(cell: &Cell, arm: &Arm) -> Self {
+        Self { cell: cell.clone(), arm: arm.clone(), clearance: Clearance::of(cell, arm) }
+    }
+
+    /// The move between two joint positions (rad), with its time in seconds: within the joint limits, clear of all
+    /// boxes, slow enough for the caps of joints and TCP times `speed_factor` (0.01 to 1; beyond, the nearer one).
+    pub fn between(&self, from: &Joints, to: &Joints, speed_factor: f64) -> Result<(MoveTarget, f64), Refusal> {
+        let planned = motion::joint_move(&self.cell, &self.arm, &self.clearance, [from, to], speed_factor)?;
+        Ok((planned.target, planned.move_s))
+    }
 }
 
 fn not_home(cell: &Cell, why: Refusal) -> PlanError {

@@ -226,13 +226,13 @@ fn a_move_at_run_time_keeps_caps_and_boxes() {
     let mut cell = sim();
     let (arm, home) = (Arm::ur5e(), cell.robot.home_joints_rad);
     let from: Joints = std::array::from_fn(|i| home[i] + if i == 0 { 0.2 } else { 0.05 });
-    let (full, full_s) = joint_move(&cell, &arm, &from, &home, 1.0).unwrap();
+    let (full, full_s) = JointMoves::of(&cell, &arm).between(&from, &home, 1.0).unwrap();
     let MoveTarget::Joint { joints_rad, speed_rad_s, acceleration_rad_s2 } = full else { panic!("{full:?}") };
     assert_eq!(joints_rad, home);
     // The TCP is 0.5 m from the base axis: 0.25 m/s are about 0.5 rad/s.
     assert!((0.3..0.6).contains(&speed_rad_s) && acceleration_rad_s2 <= 1.4, "{full:?}");
     for (factor, share) in [(0.25, 0.25), (4.0, 1.0), (-1.0, 0.01), (f64::NAN, 0.01)] {
-        let (slow, slow_s) = joint_move(&cell, &arm, &from, &home, factor).unwrap();
+        let (slow, slow_s) = JointMoves::of(&cell, &arm).between(&from, &home, factor).unwrap();
         let MoveTarget::Joint { speed_rad_s: found, .. } = slow else { panic!("{slow:?}") };
         assert!((found - share * speed_rad_s).abs() < 1e-12 && slow_s >= full_s, "{factor}: {slow:?} {slow_s} s");
     }
@@ -240,12 +240,12 @@ fn a_move_at_run_time_keeps_caps_and_boxes() {
     let at_m = (arm.forward(&middle) * cell.robot.tcp_offset).translation_m();
     let sheet = KeepOut { name: "sheet".into(), min_m: at_m, max_m: at_m.map(|v| v + 1e-5) };
     cell.robot.keep_out.push(sheet);
-    let refused = joint_move(&cell, &arm, &from, &home, 1.0).unwrap_err();
+    let refused = JointMoves::of(&cell, &arm).between(&from, &home, 1.0).unwrap_err();
     assert!(matches!(&refused, Refusal::KeepOut { name, .. } if name == "sheet"), "{refused:?}");
     cell.robot.keep_out.clear();
-    assert!(joint_move(&cell, &arm, &[f64::NAN; 6], &home, 1.0).is_err());
+    assert!(JointMoves::of(&cell, &arm).between(&[f64::NAN; 6], &home, 1.0).is_err());
     let far = [7.0, home[1], home[2], home[3], home[4], home[5]];
-    let refused = joint_move(&cell, &arm, &far, &home, 1.0).unwrap_err();
+    let refused = JointMoves::of(&cell, &arm).between(&far, &home, 1.0).unwrap_err();
     assert!(matches!(&refused, Refusal::JointLimit { joint, .. } if joint == "shoulder_pan_joint"), "{refused:?}");
 }
 

@@ -15,7 +15,7 @@ use crate::geometry::{
     Camera, Flange, Pinhole, Tcp, Transform,
     kinematics::{Arm, ModelError},
 };
-use crate::plan::{self, Plan, PlanError};
+use crate::plan::{self, JointMoves, Plan, PlanError};
 use crate::recording::{Attachment, ImportSetup, Kind, Recording, RecordingError};
 use crate::session::{Expected, Options, Route, Stop, Ways};
 
@@ -443,14 +443,12 @@ fn machine(cell: &Cell, arm: &Arm, plan: &Plan, run: &RunOptions) -> MachineSpec
     let stop =
         |pose: &plan::PlannedPose| Stop { target: pose.target, joints_rad: pose.joints_rad, move_s: pose.move_s };
     let home = plan.home.as_ref().filter(|_| external.is_none());
-    let (ways_cell, ways_arm) = (cell.clone(), arm.clone());
+    let moves = JointMoves::of(cell, arm);
     let route = Route {
         stops: plan.poses.iter().map(stop).collect(),
         start_joints_rad: robot.home_joints_rad,
         home: home.map(|h| Stop { target: h.target, joints_rad: robot.home_joints_rad, move_s: h.move_s }),
-        ways: Ways::new(move |from, to, speed| {
-            plan::joint_move(&ways_cell, &ways_arm, from, to, speed).map_err(|why| why.to_string())
-        }),
+        ways: Ways::new(move |from, to, speed| moves.between(from, to, speed).map_err(|why| why.to_string())),
     };
     let patience_s = external.map_or(Options::default().patience_s, |e| e.patience_s);
     MachineSpec::Live {

@@ -128,6 +128,16 @@ fn replay(recording: &Recording, setup: &Setup) -> Result<Outcome, Diverged> {
 }
 
 impl MachineSpec {
+    /// The machine of a live session; `None` for an import.
+    pub fn into_live(self) -> Option<crate::session::Live> {
+        match self {
+            Self::Live { route, limits, expected, options, load } => {
+                Some(crate::session::Live::new(*route, limits, *expected, options, load))
+            }
+            Self::Imported { .. } => None,
+        }
+    }
+
     /// Runs the machine that this describes in `world`.
     pub fn run<W: World>(self, world: &mut W) -> Result<Outcome, W::Error> {
         match self {

@@ -217,7 +217,7 @@ pub fn start_finding(sample: &RobotSample, expected: &Expected) -> Option<Findin
 }
 
 /// The largest distance of a joint from where the session starts, rad, if it is too far.
-pub(super) fn too_far(sample: &RobotSample, expected: &Expected) -> Option<f64> {
+fn too_far(sample: &RobotSample, expected: &Expected) -> Option<f64> {
     let away = |(a, b): (&f64, &f64)| (a - b).abs();
     let farthest = sample.joints_rad.iter().zip(&expected.start_joints_rad).map(away).fold(0.0, nan_max);
     let near = farthest <= expected.start_within_rad;
@@ -225,7 +225,7 @@ pub(super) fn too_far(sample: &RobotSample, expected: &Expected) -> Option<f64> 
 }
 
 /// The sentence for an arm that is too far from the start.
-pub(super) fn far_from_start(farthest_rad: f64, expected: &Expected) -> String {
+fn far_from_start(farthest_rad: f64, expected: &Expected) -> String {
     format!(
         "a joint is {:.1} deg from the start of the session, {:.1} deg allowed; move the arm to its home first",
         farthest_rad.to_degrees(),

@@ -83,6 +83,8 @@ enum Phase {
     Sent,
     /// It has answered.
     Running,
+    /// Another program runs in its place: not ours to feed, nor to stop.
+    Replaced,
     /// No heartbeats any more: the stop could not be delivered, the watchdog has to stop the arm.
     Withheld,
 }
@@ -188,7 +190,7 @@ impl UrRobot {
                 (script.phase, script.exceptions) = (Phase::Sent, self.connection.exceptions());
                 self.runtime.block_on(script.port.upload(MOTION_SCRIPT, &self.config))?;
             }
-            Phase::Absent | Phase::Sent | Phase::Running | Phase::Withheld => {}
+            Phase::Absent | Phase::Sent | Phase::Running | Phase::Replaced | Phase::Withheld => {}
         }
         Ok(())
     }
@@ -221,12 +223,12 @@ impl UrRobot {
                         let age_s = f64::from(self.heartbeat.wrapping_sub(echo)) / self.config.frequency_hz;
                         let answers = (0.0..=ECHO_WITHIN_S).contains(&age_s);
                         if playing && waits && !answers {
-                            self.foreign_program = true;
+                            script.phase = Phase::Replaced;
                             let why = "another program runs in its place, or it hangs".into();
                             return Err(RobotError::Refused { what: "the motion script".into(), why });
                         }
                     }
-                    Phase::Withheld => {}
+                    Phase::Replaced | Phase::Withheld => {}
                 }
                 if !matches!(script.phase, Phase::Running | Phase::Withheld) {
                     // What the registers hold now is not from this session.
@@ -243,21 +245,17 @@ impl UrRobot {
         let Motion::Script(script) = &mut self.motion else { return Ok(()) };
         match script.phase {
             // Nothing has been sent: what runs, if anything, is not ours.
-            Phase::Absent | Phase::Announced | Phase::Placed | Phase::Withheld => return Ok(()),
+            Phase::Absent | Phase::Announced | Phase::Placed | Phase::Replaced | Phase::Withheld => return Ok(()),
             // It may be on its way: nothing less than a stop is sure.
             Phase::Sent => return self.stop(),
             Phase::Running => {}
         }
         script.order = Order::end(next_sequence(script.order.sequence));
-        let ended = self.wait_for(what, within_s, |s| s.runtime_state == STOPPED);
-        if ended.is_ok() {
+        if self.wait_for(what, within_s, |s| s.runtime_state == STOPPED).is_ok() {
             return Ok(());
         }
         self.stop()?;
-        // A paused program takes no script; the supervisor ends it.
-        let Self { runtime, supervisor, config, .. } = self;
-        let told = runtime.block_on(supervisor.stop_program(config));
-        self.wait_for(what, within_s, |s| s.runtime_state == STOPPED).or(told)
+        self.wait_for(what, within_s, |s| s.runtime_state == STOPPED)
     }
 
     fn finish_external(&mut self) -> Result<(), RobotError> {
@@ -337,7 +335,7 @@ impl Robot for UrRobot {
         self.advance_upload()?;
         let lines = self.lines.values();
         let values = match &self.motion {
-            Motion::Script(script) if script.phase == Phase::Withheld => return Ok(()),
+            Motion::Script(script) if matches!(script.phase, Phase::Replaced | Phase::Withheld) => return Ok(()),
             Motion::Script(script) => {
                 self.heartbeat = self.heartbeat.wrapping_add(1);
                 [script.order.values(self.heartbeat), lines].concat()
@@ -363,8 +361,9 @@ impl Robot for UrRobot {
             return Ok(());
         }
         script.order = Order::none(script.order.sequence);
+        let ours = script.phase != Phase::Replaced;
         let stopped = runtime.block_on(async {
-            if script.port.upload(STOP_SCRIPT, config).await.is_err() {
+            if ours && script.port.upload(STOP_SCRIPT, config).await.is_err() {
                 script.port = ScriptPort::open(config).await?;
                 script.port.upload(STOP_SCRIPT, config).await?;
             }
@@ -378,7 +377,7 @@ impl Robot for UrRobot {
         let values = [script.order.values(self.heartbeat), lines.values()].concat();
         let told = runtime.block_on(connection.send_inputs(&values, config.stale_after));
         // A paused program takes no script and would go on with its move when somebody presses play.
-        let paused = ![STOPPED, PLAYING].contains(&self.last_runtime);
+        let paused = ours && ![STOPPED, PLAYING].contains(&self.last_runtime);
         let ended = if paused { runtime.block_on(supervisor.stop_program(config)) } else { Ok(()) };
         ended.and(told)
     }

@@ -48,8 +48,6 @@ pub struct Live {
     expected: Expected,
     options: Options,
     load: Option<String>,
-    /// Longest time that a move may take beyond its own, s.
-    patience_s: f64,
     state: State,
     history: History,
     poses: Vec<PoseRecord>,
@@ -104,7 +102,6 @@ struct Moving {
 impl Live {
     /// A session over the poses of `route`; `load` names the program that is loaded when all is done.
     pub fn new(route: Route, limits: Limits, expected: Expected, options: Options, load: Option<String>) -> Self {
-        let patience_s = options.patience_s;
         let poses = vec![PoseRecord::not_reached(); route.stops.len()];
         let position = Position::at_start(route.start_joints_rad);
         Self {
@@ -113,7 +110,6 @@ impl Live {
             expected,
             options,
             load,
-            patience_s,
             state: State::Preflight { seen: 0 },
             history: History::default(),
             poses,
@@ -167,7 +163,7 @@ impl Live {
             Ok(legs) => self.legs = legs,
             Err(Some(finding)) => found.push(finding),
             Err(None) if found.is_empty() => return Some(self.ask_to_approach(sample)),
-            Err(None) => found.push(Finding::new("start_pose", self.far(sample))),
+            Err(None) => found.extend(preflight::start_finding(sample, &self.expected)),
         }
         if !found.is_empty() {
             return Some(self.refuse(found));
@@ -176,13 +172,9 @@ impl Live {
         Some(Command::Start)
     }
 
-    fn far(&self, sample: &RobotSample) -> String {
-        preflight::far_from_start(preflight::too_far(sample, &self.expected).unwrap_or(0.0), &self.expected)
-    }
-
     fn ask_to_approach(&mut self, sample: &RobotSample) -> Command {
         self.state = State::Asking(None);
-        let far = self.far(sample);
+        let far = preflight::start_finding(sample, &self.expected).map(|finding| finding.message).unwrap_or_default();
         Command::Confirm {
             question: format!("{far}. Drive there slowly from where it is? The way is clear by the cell file"),
         }
@@ -280,7 +272,7 @@ impl Live {
             moving.arrived = Some(at);
         }
         let waited_s = |from: Stamp| at.seconds() - from.seconds();
-        let deadline_s = 1.5 * moving.leg.move_s / moving.slowest.max(0.01) + self.patience_s;
+        let deadline_s = 1.5 * moving.leg.move_s / moving.slowest.max(0.01) + self.options.patience_s;
         let late_move = moving.arrived.is_none() && waited_s(started) > deadline_s;
         let late_still = moving.arrived.is_some_and(|a| waited_s(a) > self.limits.timeout_s);
         if steady && (!moving.leg.capture || self.history.is_still(&self.limits)) {

@@ -46,7 +46,7 @@ impl Live {
         if let Some(Ok(legs)) = back {
             return Ok(legs);
         }
-        let near_start = preflight::too_far(sample, &self.expected).is_none();
+        let near_start = preflight::start_finding(sample, &self.expected).is_none();
         if near_start {
             self.position = Position { node: Node::Home, node_joints: joints, leg: None };
             return self.legs_beside_start(&joints).map_err(Some);
