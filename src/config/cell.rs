@@ -4,6 +4,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::cameras::{EventCameraCell, FrameCameraCell};
 use super::robot::{Interlock, MotionBy, Signals, ToolShape};
 use crate::board::Board;
 use crate::calibration::settings::{Carried, Gates, PoseKind, Settings};
@@ -261,70 +262,6 @@ fn default_cycle_hz() -> f64 {
 
 fn default_refresh_hz() -> f64 {
     60.0
-}
-
-/// The frame camera.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FrameCameraCell {
-    /// What answers on the other side.
-    pub driver: FrameDriver,
-    /// Serial number.
-    pub serial: Option<String>,
-    /// Image width, pixels.
-    pub width: u32,
-    /// Image height, pixels.
-    pub height: u32,
-    /// The lens and its setting, in words; a change makes old intrinsics useless.
-    pub lens: String,
-    /// Focal length, metres.
-    pub focal_length_m: f64,
-    /// Distance between pixels, metres.
-    pub pixel_pitch_m: f64,
-    /// Exposure time, seconds.
-    pub exposure_s: f64,
-    /// Images per second.
-    pub images_per_s: f64,
-}
-
-/// Drivers of frame cameras.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum FrameDriver {
-    /// The simulated camera.
-    Sim,
-    /// A GenICam camera (GigE Vision or USB3 Vision).
-    Genicam,
-}
-
-/// The event camera.
-#[derive(Debug, Clone, PartialEq)]
-pub struct EventCameraCell {
-    /// What answers on the other side.
-    pub driver: EventDriver,
-    /// Serial number.
-    pub serial: Option<String>,
-    /// Sensor width, pixels.
-    pub width: u32,
-    /// Sensor height, pixels.
-    pub height: u32,
-    /// The lens and its setting, in words.
-    pub lens: String,
-    /// Focal length, metres.
-    pub focal_length_m: f64,
-    /// Distance between pixels, metres.
-    pub pixel_pitch_m: f64,
-    /// Channel of the trigger input that marks exposures.
-    pub trigger_channel: u8,
-}
-
-/// Drivers of event cameras.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum EventDriver {
-    /// The simulated camera.
-    Sim,
-    /// A Prophesee EVK4.
-    Evk4,
 }
 
 /// Where everything is, roughly: for planning, never for solving. `Sensor` is the reference camera.

@@ -1,16 +1,11 @@
 //! From the keys of a cell file to a [`Cell`]: units, and what one range cannot say.
 
-use super::cell::{
-    Cell, ChecksCell, DisplayCell, EventCameraCell, FrameCameraCell, MotionLimits, Mount, Nominal, RobotCell,
-    RobotDriver,
-};
-use super::cell_file::{
-    BoardFile, CellFile, EventCameraFile, FrameCameraFile, GatesFile, LimitsFile, NominalFile, RobotFile, SettingsFile,
-};
-use super::dictionaries;
+use super::cell::{Cell, ChecksCell, DisplayCell, MotionLimits, Mount, Nominal, RobotCell, RobotDriver};
+use super::cell_file::{BoardFile, CellFile, GatesFile, LimitsFile, NominalFile, RobotFile, SettingsFile};
 use super::error::Findings;
 use super::pose::PoseFile;
 use super::robot::{External, Interlock, Line, MotionBy};
+use super::{cameras_file, dictionaries};
 use crate::board::{Board, BoardError};
 use crate::calibration::settings::{Carried, Gates, Settings};
 use crate::geometry::{Camera, Transform};
@@ -39,8 +34,8 @@ pub(super) fn cell(file: CellFile, findings: &mut Findings<'_>) -> Cell {
         board,
         display: file.display,
         nominal: nominal(&file.nominal, file.carried, file.rgb.is_some() && file.event.is_some(), findings),
-        rgb: file.rgb.map(|c| frame_camera(c, findings)),
-        event: file.event.map(event_camera),
+        rgb: file.rgb.map(|c| cameras_file::frame_camera(c, findings)),
+        event: file.event.map(|c| cameras_file::event_camera(c, findings)),
         intrinsics: file.intrinsics,
         checks,
         gates: gates(&file.gates),
@@ -280,40 +275,6 @@ fn limits(file: &LimitsFile, home_deg: [f64; 6], findings: &mut Findings<'_>) ->
         tcp_speed_m_s: file.tcp_speed_m_s,
         tcp_acceleration_m_s2: file.tcp_acceleration_m_s2,
         joints_rad: file.joints_deg.map(|joints| joints.map(|range| range.map(f64::to_radians))),
-    }
-}
-
-fn frame_camera(file: FrameCameraFile, findings: &mut Findings<'_>) -> FrameCameraCell {
-    let busy = file.exposure_s * file.images_per_s;
-    if busy > 1.0 {
-        findings.add(
-            "rgb.exposure_s",
-            format!("is {}, longer than the {} s between two images", file.exposure_s, 1.0 / file.images_per_s),
-        );
-    }
-    FrameCameraCell {
-        driver: file.driver,
-        serial: file.serial,
-        width: file.width,
-        height: file.height,
-        lens: file.lens,
-        focal_length_m: metres(file.focal_length_mm),
-        pixel_pitch_m: file.pixel_pitch_um / 1e6,
-        exposure_s: file.exposure_s,
-        images_per_s: file.images_per_s,
-    }
-}
-
-fn event_camera(file: EventCameraFile) -> EventCameraCell {
-    EventCameraCell {
-        driver: file.driver,
-        serial: file.serial,
-        width: file.width,
-        height: file.height,
-        lens: file.lens,
-        focal_length_m: metres(file.focal_length_mm),
-        pixel_pitch_m: file.pixel_pitch_um / 1e6,
-        trigger_channel: file.trigger_channel,
     }
 }
 

@@ -4,9 +4,8 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::cell::{
-    DisplayCell, EventDriver, FrameDriver, IntrinsicsSource, KeepOut, RobotDriver, SimCell, Stillness, TrajectoryUse,
-};
+use super::cameras_file::{EventCameraFile, FrameCameraFile};
+use super::cell::{DisplayCell, IntrinsicsSource, KeepOut, RobotDriver, SimCell, Stillness, TrajectoryUse};
 use super::pose::PoseFile;
 use super::robot::{Interlock, MotionBy, Signals, ToolShapeFile};
 use crate::calibration::settings::{Carried, HandEyeMethod, Method, Pnp};
@@ -229,78 +228,6 @@ pub(super) struct BoardFile {
     /// Side of a marker, millimetres; 0.3 to 0.95 of the square.
     #[garde(range(min = 0.3, max = 950.0))]
     pub(super) marker_mm: f64,
-}
-
-/// The frame camera.
-#[derive(Debug, Deserialize, Validate, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "FrameCamera")]
-#[garde(allow_unvalidated)]
-pub(super) struct FrameCameraFile {
-    /// `sim` or `genicam`.
-    pub(super) driver: FrameDriver,
-    /// Serial number.
-    pub(super) serial: Option<String>,
-    /// Image width, pixels.
-    #[garde(range(min = 64, max = 20000))]
-    pub(super) width: u32,
-    /// Image height, pixels.
-    #[garde(range(min = 64, max = 20000))]
-    pub(super) height: u32,
-    /// The lens and its setting, in words; a change makes old intrinsics useless.
-    pub(super) lens: String,
-    /// Focal length, millimetres.
-    #[garde(range(min = 0.5, max = 500.0))]
-    pub(super) focal_length_mm: f64,
-    /// Distance between pixels, micrometres.
-    #[garde(range(min = 0.5, max = 50.0))]
-    pub(super) pixel_pitch_um: f64,
-    /// Exposure time, seconds.
-    #[serde(default = "default_exposure_s")]
-    #[garde(range(min = 0.00001, max = 10.0))]
-    pub(super) exposure_s: f64,
-    /// Images per second.
-    #[serde(default = "default_images_per_s")]
-    #[garde(range(min = 0.1, max = 1000.0))]
-    pub(super) images_per_s: f64,
-}
-
-fn default_exposure_s() -> f64 {
-    0.0999
-}
-
-fn default_images_per_s() -> f64 {
-    10.0
-}
-
-/// The event camera.
-#[derive(Debug, Deserialize, Validate, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[schemars(rename = "EventCamera")]
-#[garde(allow_unvalidated)]
-pub(super) struct EventCameraFile {
-    /// `sim` or `evk4`.
-    pub(super) driver: EventDriver,
-    /// Serial number.
-    pub(super) serial: Option<String>,
-    /// Sensor width, pixels.
-    #[garde(range(min = 64, max = 4096))]
-    pub(super) width: u32,
-    /// Sensor height, pixels.
-    #[garde(range(min = 64, max = 4096))]
-    pub(super) height: u32,
-    /// The lens and its setting, in words; a change makes old intrinsics useless.
-    pub(super) lens: String,
-    /// Focal length, millimetres.
-    #[garde(range(min = 0.5, max = 500.0))]
-    pub(super) focal_length_mm: f64,
-    /// Distance between pixels, micrometres.
-    #[garde(range(min = 0.5, max = 50.0))]
-    pub(super) pixel_pitch_um: f64,
-    /// Channel of the trigger input that marks exposures.
-    #[serde(default)]
-    #[garde(range(min = 0, max = 31))]
-    pub(super) trigger_channel: u8,
 }
 
 /// Rough places; `camera` is the reference camera. Which keys are needed depends on `carried`.

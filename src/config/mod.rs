@@ -5,6 +5,8 @@
 //! Uses `geometry`, `board` and the settings of `calibration`. Start at [`Cell`] and [`Trajectory`]; `cell_file` and
 //! `trajectory_file` are the keys, units and ranges as people write them.
 
+mod cameras;
+mod cameras_file;
 mod cell;
 mod cell_convert;
 mod cell_file;
@@ -21,9 +23,12 @@ mod trajectory_convert;
 mod trajectory_file;
 mod write;
 
+pub use cameras::{
+    BiasPreset, Biases, EventCameraCell, EventDriver, Filters, FrameCameraCell, FrameDriver, FrameTrigger, Record,
+};
 pub use cell::{
-    Cell, ChecksCell, DisplayCell, EventCameraCell, EventDriver, FrameCameraCell, FrameDriver, IntrinsicsSource,
-    KeepOut, MotionLimits, Mount, Nominal, RobotCell, RobotDriver, Section, SimCell, Stillness, TrajectoryUse,
+    Cell, ChecksCell, DisplayCell, IntrinsicsSource, KeepOut, MotionLimits, Mount, Nominal, RobotCell, RobotDriver,
+    Section, SimCell, Stillness, TrajectoryUse,
 };
 pub use error::{ConfigError, Problem};
 pub use robot::{DigitalOutput, External, Interlock, Line, MotionBy, Signals, ToolShape};

@@ -85,21 +85,53 @@ pub enum RobotError {
     },
 }
 
+/// What a camera said about itself when the driver opened it.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct CameraFacts {
+    /// Maker and model.
+    pub model: String,
+    /// Serial number, if it has one.
+    pub serial: Option<String>,
+    /// Firmware version, if it says.
+    pub firmware: Option<String>,
+    /// Settings as read back from the camera, by name; they go into the log.
+    pub settings: std::collections::BTreeMap<String, String>,
+}
+
 /// An image and when it was exposed, on the session's clock.
 #[derive(Debug, Clone)]
 pub struct FrameImage {
     /// When it was exposed.
     pub exposure: Exposure,
-    /// The image.
-    pub image: GrayImage,
+    /// The image; absent where it was lost or nobody needs it. `exposure.image` says the same.
+    pub image: Option<GrayImage>,
 }
 
-/// A frame camera that exposes at its own steady rate and is the master of the timing.
+impl FrameImage {
+    /// An image that arrived whole.
+    pub fn whole(start_s: f64, end_s: f64, image: GrayImage) -> Self {
+        Self { exposure: Exposure::whole(start_s, end_s), image: Some(image) }
+    }
+}
+
+/// A frame camera, whose exposures are the timing of a capture.
+///
+/// Free running, the images of a capture are the next whole exposures. Triggered, the driver (or whoever pulses the
+/// trigger line for it) begins the exposures one by one.
 pub trait FrameCamera: Send {
-    /// Asks for the next `images` exposures that begin after now.
+    /// The camera as it described itself.
+    fn facts(&self) -> CameraFacts;
+    /// Image width and height, pixels.
+    fn size(&self) -> [u32; 2];
+    /// Asks for the next `images` exposures that begin after now. What an earlier capture left is dropped.
     fn begin(&mut self, images: u32) -> Result<(), CameraError>;
-    /// The images asked for, as soon as all are there and the exposure after the last has begun.
+    /// The images asked for, in order, as soon as the last event window is over: the exposure after the last has begun
+    /// or its closing pulse is given. Returns at once; a lost image is an exposure without an image.
     fn poll(&mut self) -> Result<Option<Vec<FrameImage>>, CameraError>;
+    /// Whether it waits for a pulse of the robot's output now. The caller pulses the line and asks again.
+    fn wants_pulse(&mut self) -> bool {
+        false
+    }
 }
 
 /// Raw words of an event camera.
@@ -107,19 +139,28 @@ pub trait FrameCamera: Send {
 pub struct RawEvents {
     /// Sensor time of the first word in microseconds, wraps unrolled.
     pub first_us: i64,
+    /// When the packet reached the host, on the session's clock.
+    pub arrived: Stamp,
     /// The words, little-endian.
     pub words: Vec<u8>,
 }
 
 /// An event camera with the frame camera's exposure signal at its trigger input.
 pub trait EventCamera: Send {
-    /// Starts recording.
+    /// The camera as it described itself.
+    fn facts(&self) -> CameraFacts;
+    /// Sensor width and height, pixels.
+    fn size(&self) -> [u32; 2];
+    /// Format of the words: `evt2`, `evt21`, `evt21_legacy` or `evt3`.
+    fn encoding(&self) -> &'static str;
+    /// Starts recording; what came in the last [`PRE_ROLL_S`] before is kept too, as far as the camera ran.
     fn begin(&mut self) -> Result<(), CameraError>;
     /// Stops recording and hands over what was recorded since [`EventCamera::begin`].
     fn end(&mut self) -> Result<Vec<RawEvents>, CameraError>;
-    /// Sensor width and height, pixels.
-    fn size(&self) -> [u32; 2];
 }
+
+/// Events are recorded from this long before a capture, s.
+pub const PRE_ROLL_S: f64 = 0.2;
 
 /// What a camera can fail with.
 #[derive(Debug, thiserror::Error)]

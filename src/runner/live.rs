@@ -205,22 +205,25 @@ impl<'a> Live<'a> {
     ) -> Result<(), LiveError> {
         let mut exposures = Vec::new();
         for FrameImage { exposure, image } in frames {
-            self.writer.image(Stamp::from_seconds(exposure.start_s), image)?;
+            if let Some(image) = image {
+                self.writer.image(Stamp::from_seconds(exposure.start_s), image)?;
+            }
             exposures.push(exposure);
         }
         let now = self.devices.clock.now();
-        let size = self.devices.event.as_ref().map_or([0, 0], |event| event.size());
+        let (size, encoding) =
+            self.devices.event.as_ref().map_or(([0, 0], "evt3"), |event| (event.size(), event.encoding()));
         let mut event_bytes = 0;
-        for RawEvents { first_us, words } in packets {
+        for RawEvents { first_us, arrived, words } in packets {
             event_bytes += words.len() as u64;
             self.packets += 1;
             let packet = EventPacket {
-                stamp_ns: now.0,
+                stamp_ns: arrived.0,
                 height: size[1],
                 width: size[0],
                 sequence: self.packets,
                 time_base_ns: u64::try_from(first_us).unwrap_or(0) * 1000,
-                encoding: "evt3".into(),
+                encoding: encoding.into(),
                 events: words,
             };
             self.writer.events(now, packet)?;

@@ -201,6 +201,26 @@ pub struct Exposure {
     pub end_s: f64,
     /// Whether the log holds an image of it.
     pub image: bool,
+    /// Packets of the image that were lost on the way; such an image is not kept.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub lost_packets: u32,
+}
+
+impl Exposure {
+    /// An exposure whose image arrived whole; seconds of the session's clock.
+    pub fn whole(start_s: f64, end_s: f64) -> Self {
+        Self { start_s, end_s, image: true, lost_packets: 0 }
+    }
+
+    /// An exposure without an image; seconds of the session's clock.
+    pub fn unseen(start_s: f64, end_s: f64) -> Self {
+        Self { start_s, end_s, image: false, lost_packets: 0 }
+    }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands references")]
+fn is_zero(count: &u32) -> bool {
+    *count == 0
 }
 
 /// Something that the outside world is asked to do.

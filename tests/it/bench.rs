@@ -11,7 +11,7 @@ use cellcal::devices::rtde::Value;
 use cellcal::devices::sim::cell::controller_config;
 use cellcal::devices::sim::ur::{Flaws, Planned, Ports, SimClock, SimController, SimHandle, SimUrConfig};
 use cellcal::devices::ur::{UrConfig, UrRobot};
-use cellcal::devices::{CameraError, Clock, FrameCamera, FrameImage, RobotError};
+use cellcal::devices::{CameraError, CameraFacts, Clock, FrameCamera, FrameImage, RobotError};
 use cellcal::geometry::{Base, Flange, Transform};
 use cellcal::image::GrayImage;
 use cellcal::recording::{About, FORMAT_VERSION, Kind, Writer};
@@ -62,16 +62,24 @@ pub(crate) struct SmallCamera {
 }
 
 impl FrameCamera for SmallCamera {
+    fn facts(&self) -> CameraFacts {
+        CameraFacts::default()
+    }
+
+    fn size(&self) -> [u32; 2] {
+        [16, 9]
+    }
+
     fn begin(&mut self, _images: u32) -> Result<(), CameraError> {
         let start_s = (self.clock.seconds() / 0.05).floor() * 0.05 + 0.05;
-        self.burst = Some(Exposure { start_s, end_s: start_s + 0.04, image: true });
+        self.burst = Some(Exposure::whole(start_s, start_s + 0.04));
         Ok(())
     }
 
     fn poll(&mut self) -> Result<Option<Vec<FrameImage>>, CameraError> {
         let exposure = self.burst.take_if(|e| self.clock.seconds() > e.end_s + 0.02);
         let image = GrayImage::filled(16, 9, 90);
-        Ok(exposure.map(|exposure| vec![FrameImage { exposure, image }]))
+        Ok(exposure.map(|exposure| vec![FrameImage { exposure, image: Some(image) }]))
     }
 }
 

@@ -225,6 +225,7 @@ fn rig(cell: &Cell, scene: Scene, placement: Placement, truth: Truth, clock: Sim
         event_offset_s: draw.between(EVENT_OFFSET_S),
         event_drift_ppm: EVENT_DRIFT_PPM * draw.between([0.8, 1.2]),
         trigger_channel: cell.event.as_ref().map_or(0, |e| e.trigger_channel),
+        frame_size: cell.rgb.as_ref().map_or([0, 0], |c| [c.width, c.height]),
         event_size: cell.event.as_ref().map_or([0, 0], |e| [e.width, e.height]),
         burst: Mutex::new(Vec::new()),
     }

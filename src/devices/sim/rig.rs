@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::scene::Scene;
 use super::ur::{SimClock, Truth};
-use crate::devices::{CameraError, EventCamera, FrameCamera, FrameImage, RawEvents};
+use crate::devices::{CameraError, CameraFacts, Clock as _, EventCamera, FrameCamera, FrameImage, RawEvents};
 use crate::events::{Encoder, Event, Format, Trigger};
 use crate::geometry::{self, Base, Camera, Flange, Rgb, Target, Transform};
 use crate::session::Exposure;
@@ -88,6 +88,8 @@ pub struct Rig {
     pub event_drift_ppm: f64,
     /// Trigger input of the event camera.
     pub trigger_channel: u8,
+    /// Image size of the frame camera, pixels.
+    pub frame_size: [u32; 2],
     /// Sensor size of the event camera, pixels.
     pub event_size: [u32; 2],
     /// Exposures of the capture that is going on.
@@ -100,7 +102,7 @@ impl Rig {
         let now_s = self.clock.seconds() + 1e-6;
         let first = ((now_s - self.phase_s) / self.period_s).ceil();
         let start = |i: u32| self.phase_s + (first + f64::from(i)) * self.period_s;
-        (0..images).map(|i| Exposure { start_s: start(i), end_s: start(i) + self.exposure_s, image: true }).collect()
+        (0..images).map(|i| Exposure::whole(start(i), start(i) + self.exposure_s)).collect()
     }
 
     fn set_burst(&self, exposures: &[Exposure]) {
@@ -158,6 +160,14 @@ impl SimFrameCamera {
 }
 
 impl FrameCamera for SimFrameCamera {
+    fn facts(&self) -> CameraFacts {
+        CameraFacts { model: "simulated frame camera".into(), ..CameraFacts::default() }
+    }
+
+    fn size(&self) -> [u32; 2] {
+        self.rig.frame_size
+    }
+
     fn begin(&mut self, images: u32) -> Result<(), CameraError> {
         let burst = self.rig.plan(images);
         self.rig.set_burst(&burst);
@@ -172,7 +182,7 @@ impl FrameCamera for SimFrameCamera {
             let base_from_flange = self.rig.flange_at(middle_s, Camera::Rgb)?;
             let pose = self.rig.placement.rgb_from_target(base_from_flange);
             let image = self.rig.scene.expose(&pose, exposure.start_s, exposure.end_s - exposure.start_s);
-            Ok(FrameImage { exposure: *exposure, image })
+            Ok(FrameImage { exposure: *exposure, image: Some(image) })
         };
         burst.iter().map(image).collect::<Result<_, _>>().map(Some)
     }
@@ -194,6 +204,18 @@ impl SimEventCamera {
 }
 
 impl EventCamera for SimEventCamera {
+    fn facts(&self) -> CameraFacts {
+        CameraFacts { model: "simulated event camera".into(), ..CameraFacts::default() }
+    }
+
+    fn size(&self) -> [u32; 2] {
+        self.rig.event_size
+    }
+
+    fn encoding(&self) -> &'static str {
+        "evt3"
+    }
+
     fn begin(&mut self) -> Result<(), CameraError> {
         if let Some(pulses) = self.alone {
             let burst = self.rig.plan(pulses);
@@ -220,10 +242,6 @@ impl EventCamera for SimEventCamera {
         self.encoder.restart();
         self.encoder.encode(&events, &edges, &mut words).map_err(|e| failed(e.to_string()))?;
         let first_us = events.first().map_or(edges[0].t_us, |e| e.t_us.min(edges[0].t_us));
-        Ok(vec![RawEvents { first_us, words }])
-    }
-
-    fn size(&self) -> [u32; 2] {
-        self.rig.event_size
+        Ok(vec![RawEvents { first_us, arrived: self.rig.clock.now(), words }])
     }
 }

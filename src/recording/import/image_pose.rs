@@ -233,10 +233,7 @@ fn capture(index: usize, image: ImageFile, base_from_tcp: Transform<Base, Tcp>) 
     let start_s = index as f64;
     Capture {
         pose: index,
-        exposures: vec![Shot {
-            exposure: Exposure { start_s, end_s: start_s + EXPOSURE_S, image: true },
-            image: Some(image),
-        }],
+        exposures: vec![Shot { exposure: Exposure::whole(start_s, start_s + EXPOSURE_S), image: Some(image) }],
         declared: Declared { still_s: None, base_from_tcp: Some(base_from_tcp), joints_rad: None },
     }
 }

@@ -122,7 +122,7 @@ impl Bench {
                 (self.sequence, self.moving_until, self.goal) = (self.sequence + 1, self.at_s + 0.5, *joints_rad);
             }
             Command::Capture { pose, attempt } => {
-                let exposures = vec![Exposure { start_s: self.at_s + 0.02, end_s: self.at_s + 0.12, image: true }];
+                let exposures = vec![Exposure::whole(self.at_s + 0.02, self.at_s + 0.12)];
                 let captured = Captured { pose: *pose, attempt: *attempt, exposures, event_bytes: 0, declared: None };
                 self.due = Some((self.at_s + 0.2, captured));
             }
