@@ -1,5 +1,6 @@
 //! From the keys of a cell file to a [`Cell`]: units, and what one range cannot say.
 
+use super::cameras::FrameTrigger;
 use super::cell::{Cell, ChecksCell, DisplayCell, MotionLimits, Mount, Nominal, RobotCell, RobotDriver};
 use super::cell_file::{BoardFile, CellFile, GatesFile, LimitsFile, NominalFile, RobotFile, SettingsFile};
 use super::error::Findings;
@@ -19,6 +20,7 @@ pub(super) fn cell(file: CellFile, findings: &mut Findings<'_>) -> Cell {
     if file.trajectories.is_empty() {
         findings.add("trajectories", "is empty: name at least one trajectory file and its purpose");
     }
+    check_trigger(&file, findings);
     let board = board(file.board, findings);
     let checks =
         ChecksCell { corner_id: file.checks.corner_id, target_to_tcp_m: file.checks.target_to_tcp_mm.map(metres) };
@@ -43,6 +45,18 @@ pub(super) fn cell(file: CellFile, findings: &mut Findings<'_>) -> Cell {
         trajectories: file.trajectories,
         images_per_pose: file.images_per_pose,
         sim: file.sim,
+    }
+}
+
+/// The output that triggers the frame camera must be free for it.
+fn check_trigger(file: &CellFile, findings: &mut Findings<'_>) {
+    let Some(FrameTrigger::RobotOutput(output)) = file.rgb.as_ref().map(|c| c.trigger) else { return };
+    let line = Line::DigitalOutput(output);
+    let calibrating = file.robot.signals.calibrating.is_some_and(|ours| ours.digital_output == output);
+    let external = matches!(&file.robot.motion, MotionBy::External(e) if [e.at_pose, e.captured].contains(&line));
+    if calibrating || external {
+        let who = if calibrating { "robot.signals.calibrating" } else { "robot.motion.external" };
+        findings.add("rgb.trigger", format!("is output {output}, which {who} uses too: give another"));
     }
 }
 

@@ -29,6 +29,10 @@ pub trait Robot: Send {
     fn start_move(&mut self, target: &MoveTarget) -> Result<i32, RobotError>;
     /// Says that the caller has judged the last sample and is alive.
     fn heartbeat(&mut self) -> Result<(), RobotError>;
+    /// Begins a pulse on the output that triggers the frame camera; it ends by itself with the heartbeats.
+    fn pulse(&mut self) -> Result<(), RobotError> {
+        Err(RobotError::Refused { what: "a trigger pulse".into(), why: "this robot has no trigger output".into() })
+    }
     /// Stops as fast as the controller safely allows. Must work in every state.
     fn stop(&mut self) -> Result<(), RobotError>;
     /// Stops our program on the controller; the arm stays where it is. `load` names a program that is loaded

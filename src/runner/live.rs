@@ -184,6 +184,11 @@ impl<'a> Live<'a> {
             if capture.frames.is_none() {
                 capture.frames = frame.poll()?;
             }
+            if capture.frames.is_none() && frame.wants_pulse() {
+                let camera = crate::geometry::Camera::Rgb;
+                let failed = |why: RobotError| CameraError::Failed { camera, why: why.to_string() };
+                self.devices.robot.pulse().map_err(failed)?;
+            }
             if capture.frames.is_none() {
                 let late = waited_s > CAPTURE_TIMEOUT_S;
                 let camera = crate::geometry::Camera::Rgb;

@@ -167,7 +167,7 @@ impl<'a> Part<'a> {
                             // Half a nanosecond of slack: recorded times are whole nanoseconds.
                             exposure.start_s >= e.from_s - 5e-10 && exposure.end_s <= e.to_s + 5e-10
                         });
-                        let pose = (record.is_some() && still).then_some(captured.pose);
+                        let pose = (record.is_some() && still && !exposure.closing).then_some(captured.pose);
                         // By its stamp: where a record is lost, the images of another capture must not slip in.
                         let at = Stamp::from_seconds(exposure.start_s);
                         let image =
@@ -238,7 +238,12 @@ fn event_windows(
     // Poses are counted from 1 in what people read.
     let exposures: Vec<_> = shots
         .iter()
-        .map(|s| ExposureTime { pose: s.taken_at + 1, start_host_s: s.exposure.start_s, end_host_s: s.exposure.end_s })
+        .map(|s| ExposureTime {
+            pose: s.taken_at + 1,
+            start_host_s: s.exposure.start_s,
+            end_host_s: s.exposure.end_s,
+            closing: s.exposure.closing,
+        })
         .collect();
     let channel = setup.trigger_channel;
     if exposures.is_empty() {

@@ -201,6 +201,9 @@ pub struct Exposure {
     pub end_s: f64,
     /// Whether the log holds an image of it.
     pub image: bool,
+    /// Whether it was made only to end the event window of the exposure before.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub closing: bool,
     /// Packets of the image that were lost on the way; such an image is not kept.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub lost_packets: u32,
@@ -209,12 +212,12 @@ pub struct Exposure {
 impl Exposure {
     /// An exposure whose image arrived whole; seconds of the session's clock.
     pub fn whole(start_s: f64, end_s: f64) -> Self {
-        Self { start_s, end_s, image: true, lost_packets: 0 }
+        Self { start_s, end_s, image: true, closing: false, lost_packets: 0 }
     }
 
-    /// An exposure without an image; seconds of the session's clock.
-    pub fn unseen(start_s: f64, end_s: f64) -> Self {
-        Self { start_s, end_s, image: false, lost_packets: 0 }
+    /// An exposure that only ends the event window of the one before; seconds of the session's clock.
+    pub fn closing(start_s: f64, end_s: f64) -> Self {
+        Self { start_s, end_s, image: false, closing: true, lost_packets: 0 }
     }
 }
 

@@ -15,4 +15,5 @@ mod simulator;
 mod soak;
 mod stillness;
 mod support;
+mod triggers;
 mod ur_rtde;

@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use super::rig::{Placement, Rig, SimEventCamera, SimFrameCamera};
 use super::scene::{DisplaySpec, EventSpec, FrameSpec, Optics, Scene, SceneError, SceneSpec};
 use super::ur::{Flaws, Planned as PlannedFault, SimClock, SimController, SimUrConfig, Truth};
-use crate::config::{Cell, Interlock, Mount, Section};
+use crate::config::{Cell, FrameTrigger, Interlock, Mount, Section};
 use crate::cv::{CvError, charuco};
 use crate::devices::ur::{UrConfig, UrRobot};
 use crate::devices::{Clock, EventCamera, FrameCamera, Robot, RobotError};
@@ -221,6 +221,8 @@ fn rig(cell: &Cell, scene: Scene, placement: Placement, truth: Truth, clock: Sim
         clock,
         exposure_s,
         period_s: 1.0 / images_per_s,
+        trigger: cell.rgb.as_ref().map_or(FrameTrigger::FreeRun, |c| c.trigger),
+        wired: cell.rgb.as_ref().is_none_or(|c| c.wired),
         phase_s: draw.between([0.0, 0.1]),
         event_offset_s: draw.between(EVENT_OFFSET_S),
         event_drift_ppm: EVENT_DRIFT_PPM * draw.between([0.8, 1.2]),

@@ -7,14 +7,19 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::scene::Scene;
 use super::ur::{SimClock, Truth};
-use crate::devices::{CameraError, CameraFacts, Clock as _, EventCamera, FrameCamera, FrameImage, RawEvents};
+use crate::config::FrameTrigger;
+use crate::devices::{
+    CameraError, CameraFacts, Clock as _, EventCamera, FrameCamera, FrameImage, PRE_ROLL_S, RawEvents,
+};
 use crate::events::{Encoder, Event, Format, Trigger};
 use crate::geometry::{self, Base, Camera, Flange, Rgb, Target, Transform};
 use crate::session::Exposure;
 
 /// Length of the closing pulse, s.
 const CLOSING_PULSE_S: f64 = 0.001;
-/// Events are recorded from this long before the first exposure to this long after the closing edge, s.
+/// From a trigger to the begin of its exposure, s.
+const TRIGGER_DELAY_S: f64 = 50e-6;
+/// Events are recorded to this long after the closing edge, s.
 const MARGIN_S: f64 = 0.004;
 
 /// Where the simulated cameras and the display truly are.
@@ -80,6 +85,10 @@ pub struct Rig {
     pub exposure_s: f64,
     /// From one exposure to the next, s.
     pub period_s: f64,
+    /// What begins an exposure.
+    pub trigger: FrameTrigger,
+    /// Whether the exposures drive the trigger input of the event camera.
+    pub wired: bool,
     /// Start of some exposure, s.
     pub phase_s: f64,
     /// Event clock at simulated time 0, s.
@@ -97,12 +106,21 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// The next `images` exposures that begin after now.
-    fn plan(&self, images: u32) -> Vec<Exposure> {
+    /// The next `images` exposures that begin after now, at the camera's own rate.
+    fn next_free(&self, images: u32) -> Vec<Exposure> {
         let now_s = self.clock.seconds() + 1e-6;
         let first = ((now_s - self.phase_s) / self.period_s).ceil();
         let start = |i: u32| self.phase_s + (first + f64::from(i)) * self.period_s;
         (0..images).map(|i| Exposure::whole(start(i), start(i) + self.exposure_s)).collect()
+    }
+
+    /// Exposures that begin at these times; the last one of a whole capture only ends the window before.
+    fn triggered(&self, starts_s: impl Iterator<Item = f64>, images: u32) -> Vec<Exposure> {
+        let exposure = |(i, start_s): (usize, f64)| {
+            let (start_s, end_s) = (start_s + TRIGGER_DELAY_S, start_s + TRIGGER_DELAY_S + self.exposure_s);
+            if i < images as usize { Exposure::whole(start_s, end_s) } else { Exposure::closing(start_s, end_s) }
+        };
+        starts_s.take(images as usize + 1).enumerate().map(exposure).collect()
     }
 
     fn set_burst(&self, exposures: &[Exposure]) {
@@ -113,13 +131,16 @@ impl Rig {
         self.burst.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Start of the closing pulse of a burst, s.
+    /// The edge that ends the last window of a burst, s: a triggered camera exposes once more, a free running one
+    /// gives a short pulse.
     fn closing_s(&self, burst: &[Exposure]) -> Option<f64> {
-        burst.last().map(|last| last.start_s + self.period_s)
+        let last = burst.last()?;
+        Some(if last.closing { last.start_s } else { last.start_s + self.period_s })
     }
 
     fn is_over(&self, burst: &[Exposure]) -> bool {
-        self.closing_s(burst).is_some_and(|closing_s| self.clock.seconds() >= closing_s + 2.0 * MARGIN_S)
+        let closed = self.closing_s(burst).is_some_and(|closing_s| self.clock.seconds() >= closing_s + 2.0 * MARGIN_S);
+        closed && burst.last().is_some_and(|last| self.clock.seconds() >= last.end_s)
     }
 
     /// True pose of the flange in the middle of an interval.
@@ -134,12 +155,15 @@ impl Rig {
     }
 
     fn edges(&self, burst: &[Exposure]) -> Vec<Trigger> {
+        if !self.wired {
+            return Vec::new();
+        }
         let edge = |host_s: f64, rising: bool| {
             let t_us = self.sensor_us((host_s * 1e6).round() as i64);
             Trigger { t_us, channel: self.trigger_channel, rising }
         };
         let mut edges: Vec<_> = burst.iter().flat_map(|e| [edge(e.start_s, true), edge(e.end_s, false)]).collect();
-        if let Some(closing_s) = self.closing_s(burst) {
+        if let (Some(closing_s), Some(false)) = (self.closing_s(burst), burst.last().map(|e| e.closing)) {
             edges.extend([edge(closing_s, true), edge(closing_s + CLOSING_PULSE_S, false)]);
         }
         edges
@@ -149,13 +173,32 @@ impl Rig {
 /// The simulated frame camera.
 pub struct SimFrameCamera {
     rig: Arc<Rig>,
-    waiting: Option<Vec<Exposure>>,
+    /// Images of the capture that is going on.
+    waiting: Option<u32>,
+    /// When it was asked for, and pulses that were asked for since, s.
+    begun_s: f64,
+    pulses: usize,
 }
 
 impl SimFrameCamera {
     /// A frame camera of the rig.
     pub fn new(rig: Arc<Rig>) -> Self {
-        Self { rig, waiting: None }
+        Self { rig, waiting: None, begun_s: 0.0, pulses: 0 }
+    }
+
+    /// Exposures that pulses of the robot's output have begun.
+    fn pulsed(&self, output: u8, images: u32) -> Vec<Exposure> {
+        self.rig.triggered(self.rig.truth.rises(output, self.begun_s).into_iter(), images)
+    }
+
+    fn image(&self, exposure: &Exposure) -> Result<FrameImage, CameraError> {
+        if exposure.closing {
+            return Ok(FrameImage { exposure: *exposure, image: None });
+        }
+        let middle_s = 0.5 * (exposure.start_s + exposure.end_s);
+        let pose = self.rig.placement.rgb_from_target(self.rig.flange_at(middle_s, Camera::Rgb)?);
+        let image = self.rig.scene.expose(&pose, exposure.start_s, exposure.end_s - exposure.start_s);
+        Ok(FrameImage { exposure: *exposure, image: Some(image) })
     }
 }
 
@@ -169,22 +212,41 @@ impl FrameCamera for SimFrameCamera {
     }
 
     fn begin(&mut self, images: u32) -> Result<(), CameraError> {
-        let burst = self.rig.plan(images);
-        self.rig.set_burst(&burst);
-        self.waiting = Some(burst);
+        (self.waiting, self.begun_s, self.pulses) = (Some(images), self.rig.clock.seconds(), 0);
+        let starts = |i: u32| self.begun_s + f64::from(i) * self.rig.period_s;
+        self.rig.set_burst(&match self.rig.trigger {
+            FrameTrigger::FreeRun => self.rig.next_free(images),
+            FrameTrigger::Software => self.rig.triggered((0..=images).map(starts), images),
+            FrameTrigger::RobotOutput(_) => Vec::new(),
+        });
         Ok(())
     }
 
     fn poll(&mut self) -> Result<Option<Vec<FrameImage>>, CameraError> {
-        let Some(burst) = self.waiting.take_if(|burst| self.rig.is_over(burst)) else { return Ok(None) };
-        let image = |exposure: &Exposure| {
-            let middle_s = 0.5 * (exposure.start_s + exposure.end_s);
-            let base_from_flange = self.rig.flange_at(middle_s, Camera::Rgb)?;
-            let pose = self.rig.placement.rgb_from_target(base_from_flange);
-            let image = self.rig.scene.expose(&pose, exposure.start_s, exposure.end_s - exposure.start_s);
-            Ok(FrameImage { exposure: *exposure, image: Some(image) })
-        };
-        burst.iter().map(image).collect::<Result<_, _>>().map(Some)
+        let Some(images) = self.waiting else { return Ok(None) };
+        if let FrameTrigger::RobotOutput(output) = self.rig.trigger {
+            let pulsed = self.pulsed(output, images);
+            self.rig.set_burst(&pulsed);
+            if pulsed.len() <= images as usize {
+                return Ok(None);
+            }
+        }
+        let burst = self.rig.burst();
+        if !self.rig.is_over(&burst) {
+            return Ok(None);
+        }
+        self.waiting = None;
+        burst.iter().map(|exposure| self.image(exposure)).collect::<Result<_, _>>().map(Some)
+    }
+
+    fn wants_pulse(&mut self) -> bool {
+        let (Some(images), FrameTrigger::RobotOutput(output)) = (self.waiting, self.rig.trigger) else { return false };
+        let pulsed = self.pulsed(output, images);
+        let answered = pulsed.len() == self.pulses;
+        let rested = pulsed.last().is_none_or(|last| self.rig.clock.seconds() >= last.start_s + self.rig.period_s);
+        let wanted = answered && rested && pulsed.len() <= images as usize;
+        self.pulses += usize::from(wanted);
+        wanted
     }
 }
 
@@ -194,12 +256,13 @@ pub struct SimEventCamera {
     /// Where there is no frame camera the trigger input is driven by a pulse generator.
     alone: Option<u32>,
     encoder: Encoder,
+    begun_s: f64,
 }
 
 impl SimEventCamera {
     /// An event camera of the rig; `alone` is the number of trigger pulses where no frame camera gives them.
     pub fn new(rig: Arc<Rig>, alone: Option<u32>) -> Self {
-        Self { rig, alone, encoder: Encoder::new(Format::Evt3) }
+        Self { rig, alone, encoder: Encoder::new(Format::Evt3), begun_s: 0.0 }
     }
 }
 
@@ -217,8 +280,9 @@ impl EventCamera for SimEventCamera {
     }
 
     fn begin(&mut self) -> Result<(), CameraError> {
+        self.begun_s = self.rig.clock.seconds();
         if let Some(pulses) = self.alone {
-            let burst = self.rig.plan(pulses);
+            let burst = self.rig.next_free(pulses);
             self.rig.set_burst(&burst);
         }
         Ok(())
@@ -230,7 +294,8 @@ impl EventCamera for SimEventCamera {
         let (Some(first), Some(closing_s)) = (burst.first(), self.rig.closing_s(&burst)) else {
             return Err(failed("no exposure has been triggered".into()));
         };
-        let (from_s, to_s) = (first.start_s - MARGIN_S, closing_s + MARGIN_S);
+        // Before its capture the camera runs already; before the session nothing is known.
+        let (from_s, to_s) = ((self.begun_s - PRE_ROLL_S).min(first.start_s - MARGIN_S).max(0.0), closing_s + MARGIN_S);
         let base_from_flange = self.rig.flange_at(0.5 * (from_s + to_s), Camera::Event)?;
         let pose = self.rig.placement.event_from_target(base_from_flange);
         let mut events = self.rig.scene.events(&pose, from_s, to_s);
@@ -241,7 +306,8 @@ impl EventCamera for SimEventCamera {
         let mut words = Vec::new();
         self.encoder.restart();
         self.encoder.encode(&events, &edges, &mut words).map_err(|e| failed(e.to_string()))?;
-        let first_us = events.first().map_or(edges[0].t_us, |e| e.t_us.min(edges[0].t_us));
+        let first_us =
+            events.first().map(|e| e.t_us).into_iter().chain(edges.first().map(|e| e.t_us)).min().unwrap_or(0);
         Ok(vec![RawEvents { first_us, arrived: self.rig.clock.now(), words }])
     }
 }

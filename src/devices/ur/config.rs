@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::config::{Cell, Line, MotionBy};
+use crate::config::{Cell, FrameTrigger, Line, MotionBy};
 use crate::devices::RobotError;
 use crate::session::MoveTarget;
 
@@ -82,6 +82,8 @@ pub struct UrConfig {
     pub caps: MotionCaps,
     /// Digital output that is on from the first move to the end.
     pub calibrating: Option<Line>,
+    /// Triggers the frame camera by a pulse.
+    pub trigger: Option<Line>,
     /// Who moves the arm.
     pub motion: MotionBy,
 }
@@ -102,6 +104,7 @@ impl UrConfig {
             program_within: Duration::from_secs(5),
             caps: MotionCaps::default(),
             calibrating: None,
+            trigger: None,
             motion: MotionBy::Script,
         }
     }
@@ -123,6 +126,7 @@ impl UrConfig {
                 tcp_acceleration_m_s2: limits.tcp_acceleration_m_s2,
             },
             calibrating: robot.signals.calibrating.map(|output| Line::DigitalOutput(output.digital_output)),
+            trigger: trigger_line(cell),
             motion: robot.motion.clone(),
             program_within: patience,
             ..Self::at(host)
@@ -132,6 +136,14 @@ impl UrConfig {
     pub(super) fn address(&self, port: u16) -> String {
         // The colons of an IPv6 address are not that of the port.
         if self.host.contains(':') { format!("[{}]:{port}", self.host) } else { format!("{}:{port}", self.host) }
+    }
+}
+
+/// The output that triggers the frame camera, where the cell wants that.
+fn trigger_line(cell: &Cell) -> Option<Line> {
+    match cell.rgb.as_ref()?.trigger {
+        FrameTrigger::RobotOutput(output) => Some(Line::DigitalOutput(output)),
+        FrameTrigger::FreeRun | FrameTrigger::Software => None,
     }
 }
 

@@ -31,6 +31,9 @@ const BETWEEN_TRIES: Duration = Duration::from_millis(200);
 /// Our script says within this time that it has read a heartbeat, but while it moves, s.
 const ECHO_WITHIN_S: f64 = 0.25;
 
+/// A trigger pulse lasts this long, s.
+const PULSE_S: f64 = 0.02;
+
 /// Session time in which a program of the plant leaves its last pose.
 const LEAVE_WITHIN_S: f64 = 5.0;
 
@@ -48,6 +51,7 @@ pub struct UrRobot {
     kinematics: Option<Kinematics>,
     freshness: Freshness,
     lines: Lines,
+    pulse_since: Option<Stamp>,
     heartbeat: i32,
     /// The last sample showed a program that is not ours.
     foreign_program: bool,
@@ -132,6 +136,7 @@ impl UrRobot {
             freshness,
             lines,
             heartbeat: 0,
+            pulse_since: None,
             foreign_program: sample.runtime_state == PLAYING && config.motion == MotionBy::Script,
             last_sequence: sample.executor_sequence,
             last_runtime: sample.runtime_state,
@@ -172,6 +177,23 @@ impl UrRobot {
                 let why = format!("not there after {waited_s:.1} s, runtime state {}", sample.runtime_state);
                 return Err(self.connection.refused(what, &why));
             }
+        }
+    }
+
+    /// Ends a trigger pulse that has been on for long enough.
+    fn advance_pulse(&mut self) {
+        let Some(since) = self.pulse_since else { return };
+        let lasted_s = self.clock.now().seconds() - since.seconds();
+        let short = lasted_s < PULSE_S;
+        if !short {
+            self.end_pulse();
+        }
+    }
+
+    fn end_pulse(&mut self) {
+        self.pulse_since = None;
+        if let Some(line) = self.config.trigger {
+            self.lines.set(line, false);
         }
     }
 
@@ -333,6 +355,7 @@ impl Robot for UrRobot {
             return Ok(());
         }
         self.advance_upload()?;
+        self.advance_pulse();
         let lines = self.lines.values();
         let values = match &self.motion {
             Motion::Script(script) if matches!(script.phase, Phase::Replaced | Phase::Withheld) => return Ok(()),
@@ -345,11 +368,22 @@ impl Robot for UrRobot {
         self.runtime.block_on(self.connection.send_inputs(&values, self.config.stale_after))
     }
 
+    fn pulse(&mut self) -> Result<(), RobotError> {
+        let Some(line) = self.config.trigger else {
+            let why = "the cell names no output for it (rgb.trigger)".into();
+            return Err(RobotError::Refused { what: "a trigger pulse".into(), why });
+        };
+        self.lines.set(line, true);
+        self.pulse_since = Some(self.clock.now());
+        Ok(())
+    }
+
     /// Uploads a program that stops the arm: it replaces whatever runs, also in the middle of a move.
     ///
     /// Where it cannot be delivered, heartbeats cease as well, and the controller's watchdog stops the arm.
     fn stop(&mut self) -> Result<(), RobotError> {
         self.set_calibrating(false);
+        self.end_pulse();
         let Self { runtime, motion, config, supervisor, connection, lines, .. } = self;
         let Motion::Script(script) = motion else {
             let stopped = runtime.block_on(supervisor.stop_program(config));
@@ -385,6 +419,7 @@ impl Robot for UrRobot {
     /// Asks the program to end, and stops it where it does not within `program_within`; then loads the next.
     fn finish(&mut self, load: Option<&str>) -> Result<(), RobotError> {
         self.set_calibrating(false);
+        self.end_pulse();
         match self.motion {
             Motion::Script(_) => self.finish_script()?,
             Motion::External { .. } => self.finish_external()?,
@@ -416,7 +451,7 @@ fn lines(config: &UrConfig) -> Lines {
         MotionBy::External(external) => Some(external.captured),
         MotionBy::Script => None,
     };
-    Lines::new(config.calibrating.into_iter().chain(captured))
+    Lines::new(config.calibrating.into_iter().chain(captured).chain(config.trigger))
 }
 
 /// A started connection and its first sample.

@@ -34,6 +34,8 @@ pub struct ExposureTime {
     pub start_host_s: f64,
     /// End, seconds of the host's clock.
     pub end_host_s: f64,
+    /// Whether it was made only to end the window of the exposure before.
+    pub closing: bool,
 }
 
 /// What is known about the trigger signal.

@@ -37,7 +37,7 @@ impl Session {
             for (rise_us, fall_us) in &session.exposing_us[pose] {
                 let start_host_s = clock.host_s_from_sensor_us(*rise_us) + jitter.sample(&mut random);
                 let end_host_s = clock.host_s_from_sensor_us(*fall_us) + jitter.sample(&mut random);
-                session.exposures.push(ExposureTime { pose, start_host_s, end_host_s });
+                session.exposures.push(ExposureTime { pose, start_host_s, end_host_s, closing: false });
             }
         }
         session

@@ -22,7 +22,7 @@ pub(super) fn windows(
         (0..exposures.len()).filter(|&i| wanted(i)).map(|i| exposures[i].pose).collect()
     };
     let missing = poses(&|i| windows[i].is_none());
-    let assumed = poses(&|i| windows[i].is_some_and(|window| window.assumed_end));
+    let assumed = poses(&|i| !exposures[i].closing && windows[i].is_some_and(|window| window.assumed_end));
     let early = poses(&|i| pairs[i].is_some_and(|edge| has_early_edge(edges, edge, settings)));
     let notes = [
         note(&missing, "have no trigger edge and so no event window"),

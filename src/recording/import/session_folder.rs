@@ -157,6 +157,7 @@ fn captures(source: &Source, poses: &[Pose], frames: &[Frame], origin_s: f64) ->
             start_s: frame.start_host_s - origin_s,
             end_s: frame.end_host_s - origin_s,
             image: !frame.path.is_empty(),
+            closing: false,
             lost_packets: 0,
         },
         image: (!frame.path.is_empty()).then(|| ImageFile {

@@ -113,7 +113,7 @@ impl Server {
         let (healthy, network) = (body.config.clone(), Network::new(body.seed));
         let listeners: std::io::Result<Vec<_>> =
             listeners.into_iter().map(|(i, l)| TcpListener::from_std(l).map(|l| (i, l))).collect();
-        truth.push(body.now_s(), body.motion.true_joints());
+        truth.push(body.now_s(), body.motion.true_joints(), body.digital_outputs);
         clock.set_ns(body.now_ns());
         let mut server = Self {
             body: Rc::new(RefCell::new(body)),
@@ -383,7 +383,7 @@ impl Server {
     /// Sets clock and truth, and sends what is due in this cycle.
     fn report(&mut self) {
         let body = self.body.borrow();
-        self.truth.push(body.now_s(), body.motion.true_joints());
+        self.truth.push(body.now_s(), body.motion.true_joints(), body.digital_outputs);
         self.clock.set_ns(body.now_ns());
         let body = &*body;
         if !self.network.is_mute && self.rtde.iter().any(|c| c.is_due(body.tick)) {

@@ -17,12 +17,14 @@ pub struct Truth {
     flange_from_tcp: Transform<Flange, Tcp>,
     kept_s: f64,
     log: Arc<Mutex<VecDeque<(f64, Joints)>>>,
+    /// Digital outputs and since when they are so.
+    outputs: Arc<Mutex<VecDeque<(f64, u64)>>>,
 }
 
 impl Truth {
     pub(super) fn new(individual: Individual, config: &SimUrConfig) -> Self {
         let flange_from_tcp = Transform::from_pose_vector(config.tcp_offset);
-        Self { individual, flange_from_tcp, kept_s: config.truth_kept_s, log: Arc::default() }
+        Self { individual, flange_from_tcp, kept_s: config.truth_kept_s, log: Arc::default(), outputs: Arc::default() }
     }
 
     /// The arm that was drawn.
@@ -81,6 +83,15 @@ impl Truth {
         })
     }
 
+    /// When a digital output went on, after a simulated time, s; as far back as is kept.
+    pub fn rises(&self, output: u8, after_s: f64) -> Vec<f64> {
+        let outputs = self.outputs.lock().unwrap_or_else(PoisonError::into_inner);
+        let on = |bits: u64| bits >> output & 1 == 1;
+        let pairs = outputs.iter().zip(outputs.iter().skip(1));
+        let risen = pairs.filter(|((_, before), (at_s, now))| !on(*before) && on(*now) && *at_s > after_s);
+        risen.map(|(_, (at_s, _))| *at_s).collect()
+    }
+
     /// Newest simulated time that is known, s.
     pub fn newest_s(&self) -> Option<f64> {
         self.lock().back().map(|(at_s, _)| *at_s)
@@ -98,12 +109,24 @@ impl Truth {
         fraction.is_finite().then(|| std::array::from_fn(|i| early[i] + fraction * (late[i] - early[i])))
     }
 
-    pub(super) fn push(&self, at_s: f64, true_joints_rad: Joints) {
+    pub(super) fn push(&self, at_s: f64, true_joints_rad: Joints, digital_outputs: u64) {
+        self.push_outputs(at_s, digital_outputs);
         let mut log = self.lock();
         while log.front().is_some_and(|(first_s, _)| at_s - first_s > self.kept_s) {
             log.pop_front();
         }
         log.push_back((at_s, true_joints_rad));
+    }
+
+    fn push_outputs(&self, at_s: f64, digital_outputs: u64) {
+        let mut outputs = self.outputs.lock().unwrap_or_else(PoisonError::into_inner);
+        if outputs.back().is_some_and(|(_, bits)| *bits == digital_outputs) {
+            return;
+        }
+        while outputs.get(1).is_some_and(|(second_s, _)| at_s - second_s > self.kept_s) {
+            outputs.pop_front();
+        }
+        outputs.push_back((at_s, digital_outputs));
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, VecDeque<(f64, Joints)>> {

@@ -1,0 +1,54 @@
+//! Every way to trigger a capture: images and event windows belong together, and the log shows how.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::support::{cellcal, json, stderr, text};
+
+/// The simulated cell with twelve poses, each with `images` images, and this trigger.
+fn session(trigger: &str, images: u32) -> Value {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let cell = std::fs::read_to_string(root.join("cells/sim.yaml")).unwrap();
+    let before = cell.split("trajectories:").next().unwrap();
+    let mut cell = before.replace("  images_per_s: 10\n", &format!("  images_per_s: 10\n  trigger: {trigger}\n"));
+    assert!(cell.contains(trigger), "cells/sim.yaml has changed");
+    let file = root.join("trajectories/distance-6.yaml");
+    write!(cell, "trajectories:\n  - {{file: {}, purpose: intrinsics}}\n", text(&file)).unwrap();
+    write!(cell, "images_per_pose: {images}\nsim: {{seed: 5}}\n").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cell.yaml");
+    std::fs::write(&path, cell).unwrap();
+    let output = cellcal(&["run", text(&path), "--time-scale", "max", "--json", "-o", text(folder.path())]);
+    assert!(!output.stdout.is_empty(), "{trigger}: {}", stderr(&output));
+    json(&output)
+}
+
+fn check(trigger: &str, images: u32, exposures: u64) {
+    let result = session(trigger, images);
+    let timing = &result["timing"];
+    assert_eq!(timing["windows"], serde_json::json!([exposures, exposures]), "{trigger}: {timing:#}");
+    assert_eq!(timing["notes"], Value::Null, "{trigger}: {timing:#}");
+    // The sensor counts microseconds.
+    assert!(timing["residual_rms_s"].as_f64().unwrap() < 2e-6, "{trigger}: {timing:#}");
+    for camera in ["rgb", "event"] {
+        let rate = result["cameras"][camera]["corner_rate"].as_f64().unwrap();
+        assert!(rate > 0.8, "{trigger}: the {camera} camera found {rate} of the corners");
+    }
+}
+
+#[test]
+fn a_free_running_camera_gives_the_time() {
+    check("free_run", 2, 24);
+}
+
+#[test]
+fn a_command_begins_each_exposure_and_one_more_ends_the_last_window() {
+    check("software", 2, 36);
+}
+
+#[test]
+fn a_pulse_of_the_robot_begins_each_exposure() {
+    check("{robot_output: 3}", 1, 24);
+}
