@@ -47,6 +47,9 @@ pub(super) fn open(
             };
             Ok(Bench { devices, robot: "simulated UR5e over RTDE and URScript".into(), _sim: Some(sim) })
         }
+        RobotDriver::None => {
+            Err(UsageError(format!("{}: it has `robot: none`, so nothing can move", file.display())).into())
+        }
         RobotDriver::Ur => {
             if time_scale.is_some() {
                 let why = "--time-scale is for the simulated robot; this cell has `driver: ur`";
@@ -210,7 +213,7 @@ impl<'a> Steps<'a> {
             }
             Command::Wait { pose, .. } => say(&format!("[{:>3}/{total}] {} disturbed, waiting", pose + 1, id(*pose))),
             Command::Stop { why } => say(&format!("stop: {why}")),
-            Command::Move { .. } | Command::Confirm { .. } | Command::Finish { .. } => {}
+            Command::Move { .. } | Command::Confirm { .. } | Command::Finish { .. } | Command::Guide { .. } => {}
         }
     }
 }

@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::cameras::{EventCameraCell, FrameCameraCell};
+use super::handheld::Handheld;
 use super::robot::{Interlock, MotionBy, Signals, ToolShape};
 use crate::board::Board;
 use crate::calibration::settings::{Carried, Gates, PoseKind, Settings};
@@ -17,8 +18,10 @@ pub struct Cell {
     pub name: String,
     /// What the robot carries.
     pub carried: Carried,
-    /// The arm.
+    /// The arm; a placeholder where its driver is `none`.
     pub robot: RobotCell,
+    /// How a session without a robot is run.
+    pub handheld: Handheld,
     /// The board on the display.
     pub board: Board,
     /// The display.
@@ -134,6 +137,46 @@ pub struct RobotCell {
     pub load_program: Option<String>,
 }
 
+impl RobotCell {
+    /// What stands where there is no arm; nothing of it is used.
+    pub(super) fn none() -> Self {
+        Self {
+            driver: RobotDriver::None,
+            model: "none".into(),
+            urdf: None,
+            address: None,
+            serial: None,
+            tcp_offset: Transform::identity(),
+            payload_kg: 0.0,
+            payload_cog_m: [0.0; 3],
+            home_joints_rad: [0.0; 6],
+            limits: MotionLimits {
+                joint_speed_rad_s: 0.0,
+                joint_acceleration_rad_s2: 0.0,
+                tcp_speed_m_s: 0.0,
+                tcp_acceleration_m_s2: 0.0,
+                joints_rad: None,
+            },
+            allow_reduced: false,
+            stillness: Stillness::default(),
+            keep_out: Vec::new(),
+            keep_out_margin_m: 0.0,
+            tool: Vec::new(),
+            start_within_rad: 0.0,
+            controller_version: None,
+            kinematics_checksum: None,
+            speed_slider: [0.0, 1.0],
+            sample_hz: 125.0,
+            interlocks: Vec::new(),
+            gripper_empty: None,
+            signals: Signals::default(),
+            motion: MotionBy::Script,
+            return_home: false,
+            load_program: None,
+        }
+    }
+}
+
 /// Drivers of arms.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -142,6 +185,9 @@ pub enum RobotDriver {
     Sim,
     /// A controller of Universal Robots.
     Ur,
+    /// There is no arm: an operator moves the display or the cameras. Written as `robot: none`.
+    #[serde(skip)]
+    None,
 }
 
 /// Caps of every move.

@@ -4,6 +4,7 @@ use super::cameras::FrameTrigger;
 use super::cell::{Cell, ChecksCell, DisplayCell, MotionLimits, Mount, Nominal, RobotCell, RobotDriver};
 use super::cell_file::{BoardFile, CellFile, GatesFile, LimitsFile, NominalFile, RobotFile, SettingsFile};
 use super::error::Findings;
+use super::handheld::RobotChoice;
 use super::pose::PoseFile;
 use super::robot::{External, Interlock, Line, MotionBy};
 use super::{cameras_file, dictionaries};
@@ -17,10 +18,9 @@ pub(super) fn cell(file: CellFile, findings: &mut Findings<'_>) -> Cell {
     check_name("name", &file.name, findings);
     check_cameras(&file, findings);
     check_display(&file.display, findings);
-    if file.trajectories.is_empty() {
-        findings.add("trajectories", "is empty: name at least one trajectory file and its purpose");
-    }
+    check_robot_or_none(&file, findings);
     check_trigger(&file, findings);
+    let has_arm = file.robot.arm().is_some();
     let board = board(file.board, findings);
     let checks =
         ChecksCell { corner_id: file.checks.corner_id, target_to_tcp_m: file.checks.target_to_tcp_mm.map(metres) };
@@ -32,10 +32,17 @@ pub(super) fn cell(file: CellFile, findings: &mut Findings<'_>) -> Cell {
     Cell {
         name: file.name,
         carried: file.carried,
-        robot: robot(file.robot, findings),
+        robot: match file.robot {
+            RobotChoice::Arm(file) => robot(*file, findings),
+            RobotChoice::None => RobotCell::none(),
+        },
+        handheld: file.handheld,
         board,
         display: file.display,
-        nominal: nominal(&file.nominal, file.carried, file.rgb.is_some() && file.event.is_some(), findings),
+        nominal: match has_arm {
+            true => nominal(&file.nominal, file.carried, file.rgb.is_some() && file.event.is_some(), findings),
+            false => nominal_by_hand(&file.nominal, findings),
+        },
         rgb: file.rgb.map(|c| cameras_file::frame_camera(c, findings)),
         event: file.event.map(|c| cameras_file::event_camera(c, findings)),
         intrinsics: file.intrinsics,
@@ -48,12 +55,26 @@ pub(super) fn cell(file: CellFile, findings: &mut Findings<'_>) -> Cell {
     }
 }
 
+/// An arm needs trajectories; what is moved by hand can have none.
+fn check_robot_or_none(file: &CellFile, findings: &mut Findings<'_>) {
+    match (&file.robot, file.trajectories.is_empty()) {
+        (RobotChoice::Arm(_), true) => {
+            findings.missing("", "trajectories", "name at least one trajectory file and its purpose")
+        }
+        (RobotChoice::None, false) => findings.add("trajectories", "needs an arm, but this cell has `robot: none`"),
+        (RobotChoice::Arm(_), false) | (RobotChoice::None, true) => {}
+    }
+}
+
 /// The output that triggers the frame camera must be free for it.
 fn check_trigger(file: &CellFile, findings: &mut Findings<'_>) {
     let Some(FrameTrigger::RobotOutput(output)) = file.rgb.as_ref().map(|c| c.trigger) else { return };
+    let Some(robot) = file.robot.arm() else {
+        return findings.add("rgb.trigger", "is an output of a robot, but this cell has `robot: none`");
+    };
     let line = Line::DigitalOutput(output);
-    let calibrating = file.robot.signals.calibrating.is_some_and(|ours| ours.digital_output == output);
-    let external = matches!(&file.robot.motion, MotionBy::External(e) if [e.at_pose, e.captured].contains(&line));
+    let calibrating = robot.signals.calibrating.is_some_and(|ours| ours.digital_output == output);
+    let external = matches!(&robot.motion, MotionBy::External(e) if [e.at_pose, e.captured].contains(&line));
     if calibrating || external {
         let who = if calibrating { "robot.signals.calibrating" } else { "robot.motion.external" };
         findings.add("rgb.trigger", format!("is output {output}, which {who} uses too: give another"));
@@ -329,6 +350,19 @@ fn nominal(file: &NominalFile, carried: Carried, two_cameras: bool, findings: &m
         },
     };
     let event_from_rgb = file.event_from_rgb.map(|pose| pose.transform("nominal.event_from_rgb", findings));
+    Nominal { mount, event_from_rgb }
+}
+
+/// Without an arm only the cameras can be said to be somewhere: before each other.
+fn nominal_by_hand(file: &NominalFile, findings: &mut Findings<'_>) -> Nominal {
+    let NominalFile { base_from_camera, tcp_from_target, tcp_from_camera, base_from_target, event_from_rgb } = file;
+    let (base, target) = (("base_from_camera", base_from_camera), ("base_from_target", base_from_target));
+    let of_tcp = [("tcp_from_target", tcp_from_target), ("tcp_from_camera", tcp_from_camera)];
+    for (key, _) in [base, target].iter().chain(&of_tcp).filter(|(_, pose)| pose.is_some()) {
+        findings.add(&format!("nominal.{key}"), "does not go with `robot: none`: remove it");
+    }
+    let event_from_rgb = event_from_rgb.map(|pose| pose.transform("nominal.event_from_rgb", findings));
+    let mount = Mount::Target { base_from_camera: Transform::identity(), tcp_from_target: Transform::identity() };
     Nominal { mount, event_from_rgb }
 }
 

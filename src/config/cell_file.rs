@@ -6,6 +6,7 @@ use serde::Deserialize;
 
 use super::cameras_file::{EventCameraFile, FrameCameraFile};
 use super::cell::{DisplayCell, IntrinsicsSource, KeepOut, RobotDriver, SimCell, Stillness, TrajectoryUse};
+use super::handheld::{Handheld, RobotChoice};
 use super::pose::PoseFile;
 use super::robot::{Interlock, MotionBy, Signals, ToolShapeFile};
 use crate::calibration::settings::{Carried, HandEyeMethod, Method, Pnp};
@@ -21,9 +22,13 @@ pub(super) struct CellFile {
     pub(super) name: String,
     /// What the robot carries: the display (`target`) or the `cameras`.
     pub(super) carried: Carried,
-    /// The arm.
+    /// The arm, or `none` where the display or the cameras are moved by hand.
     #[garde(dive)]
-    pub(super) robot: RobotFile,
+    pub(super) robot: RobotChoice,
+    /// How a session without a robot is run.
+    #[serde(default)]
+    #[garde(dive)]
+    pub(super) handheld: Handheld,
     /// The ChArUco board on the display.
     #[garde(dive)]
     pub(super) board: BoardFile,
@@ -37,6 +42,7 @@ pub(super) struct CellFile {
     #[garde(dive)]
     pub(super) event: Option<EventCameraFile>,
     /// Where everything is, roughly: for planning, never for solving.
+    #[serde(default)]
     #[garde(dive)]
     pub(super) nominal: NominalFile,
     /// `solve`, or `from: RESULT` with a result.json relative to this file.
@@ -54,8 +60,8 @@ pub(super) struct CellFile {
     #[serde(default)]
     #[garde(dive)]
     pub(super) settings: SettingsFile,
-    /// The trajectories of a session, in order.
-    #[schemars(length(min = 1))]
+    /// The trajectories of a session, in order; none without a robot.
+    #[serde(default)]
     pub(super) trajectories: Vec<TrajectoryUse>,
     /// Images of the frame camera, and event windows, at each pose.
     #[serde(default = "one")]
@@ -231,8 +237,8 @@ pub(super) struct BoardFile {
 }
 
 /// Rough places; `camera` is the reference camera. Which keys are needed depends on `carried`.
-#[derive(Debug, Deserialize, Validate, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Default, Deserialize, Validate, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
 #[schemars(rename = "Nominal")]
 pub(super) struct NominalFile {
     /// `carried: target`: the static camera in the base of the robot.

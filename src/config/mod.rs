@@ -12,6 +12,7 @@ mod cell_convert;
 mod cell_file;
 mod dictionaries;
 mod error;
+mod handheld;
 mod pose;
 mod read;
 mod robot;
@@ -31,6 +32,7 @@ pub use cell::{
     Section, SimCell, Stillness, TrajectoryUse,
 };
 pub use error::{ConfigError, Problem};
+pub use handheld::Handheld;
 pub use robot::{DigitalOutput, External, Interlock, Line, MotionBy, Signals, ToolShape};
 pub use trajectory::{BoardView, Motion, Pair, Pattern, Ring, Segment, Start, Stop, Trajectory};
 pub use write::{AppendError, TaughtPose, append_yaml, is_name, trajectory_yaml};

@@ -27,7 +27,7 @@ pub use target::MoveTarget;
 use stops::Stop;
 
 /// Every pose of a session, in order.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Plan {
     /// The poses.
     pub poses: Vec<PlannedPose>,

@@ -8,13 +8,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::World;
+use super::capture::Cameras;
 use crate::cv::codec;
-use crate::devices::{CameraError, Clock, EventCamera, FrameCamera, FrameImage, RawEvents, Robot, RobotError};
-use crate::recording::{Background, EventPacket, RecordingError, Writer};
-use crate::session::{Captured, Command, Input, Stamp};
-
-/// A capture that takes longer has failed, s.
-const CAPTURE_TIMEOUT_S: f64 = 10.0;
+use crate::devices::{Clock, EventCamera, FrameCamera, Robot, RobotError};
+use crate::recording::{Background, RecordingError, Writer};
+use crate::session::{Command, Input, Stamp};
 
 /// Why a live session cannot go on; what the robot or the cameras do is an input, not an error.
 #[derive(Debug, thiserror::Error)]
@@ -74,29 +72,17 @@ pub struct Devices {
 
 /// Live devices as a world.
 pub struct Live<'a> {
-    devices: Devices,
+    robot: Box<dyn Robot>,
+    cameras: Cameras,
+    clock: Arc<dyn Clock>,
     writer: Background,
     operator: &'a mut dyn Operator,
     asking: bool,
-    images_per_pose: u32,
-    image_period_s: f64,
     interrupted: &'a AtomicBool,
     progress: &'a mut dyn FnMut(Told<'_>),
-    capture: Option<Capture>,
     /// Stamped when they were made, handed out one by one.
     pending: VecDeque<(Stamp, Input)>,
     heartbeat_due: bool,
-    packets: u64,
-}
-
-/// Images and raw events of one capture.
-type Delivered = (Vec<FrameImage>, Vec<RawEvents>);
-
-struct Capture {
-    pose: usize,
-    attempt: u32,
-    began: Stamp,
-    frames: Option<Vec<FrameImage>>,
 }
 
 impl<'a> Live<'a> {
@@ -109,29 +95,19 @@ impl<'a> Live<'a> {
         operator: &'a mut dyn Operator,
         progress: &'a mut dyn FnMut(Told<'_>),
     ) -> Result<Self, LiveError> {
-        let (images_per_pose, image_period_s) = timing;
         let writer = Background::new(writer, |image| codec::encode_png(image).map_err(|e| e.to_string()))?;
-        let facts = Input::Connected(Box::new(devices.robot.facts()));
-        let pending = VecDeque::from([(devices.clock.now(), facts)]);
-        Ok(Self {
-            devices,
-            writer,
-            operator,
-            asking: false,
-            images_per_pose,
-            image_period_s,
-            interrupted,
-            progress,
-            capture: None,
-            pending,
-            heartbeat_due: false,
-            packets: 0,
-        })
+        let Devices { robot, frame, event, clock } = devices;
+        let facts = Input::Connected(Box::new(robot.facts()));
+        let pending = VecDeque::from([(clock.now(), facts)]);
+        let cameras = Cameras::new(frame, event, Arc::clone(&clock), timing);
+        let asking = false;
+        let heartbeat_due = false;
+        Ok(Self { robot, cameras, clock, writer, operator, asking, interrupted, progress, pending, heartbeat_due })
     }
 
     /// Goes on with a session whose past is in the recording already.
     pub fn resumed(mut self) -> Self {
-        let at = self.pending.front().map_or_else(|| self.devices.clock.now(), |(at, _)| *at);
+        let at = self.pending.front().map_or_else(|| self.clock.now(), |(at, _)| *at);
         self.pending.push_front((at, Input::Resumed));
         self
     }
@@ -139,7 +115,7 @@ impl<'a> Live<'a> {
     /// Stops the arm after an error; what was logged stays in the `.partial` file that is returned.
     pub fn abandon(&mut self) -> (std::path::PathBuf, Result<(), RobotError>) {
         // Where the stop of our script does not get through, the heartbeats have ended and the controller stops it.
-        let stopped = self.devices.robot.stop();
+        let stopped = self.robot.stop();
         (self.writer.abandon(), stopped)
     }
 
@@ -148,113 +124,31 @@ impl<'a> Live<'a> {
         self.writer.finish()
     }
 
-    fn begin_capture(&mut self, pose: usize, attempt: u32) -> Result<(), CameraError> {
-        if let Some(event) = &mut self.devices.event {
-            event.begin()?;
-        }
-        if let Some(frame) = &mut self.devices.frame {
-            frame.begin(self.images_per_pose)?;
-        }
-        self.capture = Some(Capture { pose, attempt, began: self.devices.clock.now(), frames: None });
-        Ok(())
-    }
-
     /// Asks the cameras; makes an input when the capture is complete or has failed.
     fn poll_capture(&mut self) -> Result<(), LiveError> {
-        let Some(mut capture) = self.capture.take() else { return Ok(()) };
-        match self.try_capture(&mut capture) {
-            Ok(Some((frames, packets))) => self.deliver(&capture, frames, packets),
-            Ok(None) => {
-                self.capture = Some(capture);
-                Ok(())
-            }
-            Err(error) => {
-                let (pose, why) = (capture.pose, error.to_string());
-                let at = self.devices.clock.now();
-                self.pending.push_back((at, Input::CaptureFailed { pose, why }));
-                Ok(())
-            }
-        }
-    }
-
-    fn try_capture(&mut self, capture: &mut Capture) -> Result<Option<Delivered>, CameraError> {
-        let now = self.devices.clock.now();
-        let waited_s = now.seconds() - capture.began.seconds();
-        if let Some(frame) = &mut self.devices.frame {
-            if capture.frames.is_none() {
-                capture.frames = frame.poll()?;
-            }
-            if capture.frames.is_none() && frame.wants_pulse() {
-                let camera = crate::geometry::Camera::Rgb;
-                let failed = |why: RobotError| CameraError::Failed { camera, why: why.to_string() };
-                self.devices.robot.pulse().map_err(failed)?;
-            }
-            if capture.frames.is_none() {
-                let late = waited_s > CAPTURE_TIMEOUT_S;
-                let camera = crate::geometry::Camera::Rgb;
-                return if late { Err(CameraError::Silent { camera, silent_s: waited_s }) } else { Ok(None) };
-            }
-        } else if waited_s < (f64::from(self.images_per_pose) + 2.0) * self.image_period_s {
-            // Without a frame camera the windows are cut by whatever drives the trigger input.
-            return Ok(None);
-        }
-        let packets = self.devices.event.as_mut().map_or(Ok(Vec::new()), |event| event.end())?;
-        Ok(Some((capture.frames.take().unwrap_or_default(), packets)))
-    }
-
-    fn deliver(
-        &mut self,
-        capture: &Capture,
-        frames: Vec<FrameImage>,
-        packets: Vec<RawEvents>,
-    ) -> Result<(), LiveError> {
-        let mut exposures = Vec::new();
-        for FrameImage { exposure, image } in frames {
-            if let Some(image) = image {
-                self.writer.image(Stamp::from_seconds(exposure.start_s), image)?;
-            }
-            exposures.push(exposure);
-        }
-        let now = self.devices.clock.now();
-        let (size, encoding) =
-            self.devices.event.as_ref().map_or(([0, 0], "evt3"), |event| (event.size(), event.encoding()));
-        let mut event_bytes = 0;
-        for RawEvents { first_us, arrived, words } in packets {
-            event_bytes += words.len() as u64;
-            self.packets += 1;
-            let packet = EventPacket {
-                stamp_ns: arrived.0,
-                height: size[1],
-                width: size[0],
-                sequence: self.packets,
-                time_base_ns: u64::try_from(first_us).unwrap_or(0) * 1000,
-                encoding: encoding.into(),
-                events: words,
-            };
-            self.writer.events(now, packet)?;
-        }
-        let (pose, attempt) = (capture.pose, capture.attempt);
-        let captured = Captured { pose, attempt, exposures, event_bytes, declared: None };
-        self.pending.push_back((now, Input::Captured(captured)));
+        let robot = &mut self.robot;
+        let mut pulse = || robot.pulse().map_err(|why| why.to_string());
+        let input = self.cameras.poll(&mut self.writer, &mut pulse)?;
+        self.pending.extend(input);
         Ok(())
     }
 
     fn wait_for_robot(&mut self) -> (Stamp, Input) {
         if self.interrupted.swap(false, Ordering::Relaxed) {
-            return (self.devices.clock.now(), Input::Interrupted);
+            return (self.clock.now(), Input::Interrupted);
         }
         if self.asking
             && let Some(yes) = self.operator.answer()
         {
             self.asking = false;
-            return (self.devices.clock.now(), if yes { Input::Confirmed } else { Input::Declined });
+            return (self.clock.now(), if yes { Input::Confirmed } else { Input::Declined });
         }
-        match self.devices.robot.next_sample() {
+        match self.robot.next_sample() {
             Ok((at, sample)) => {
                 self.heartbeat_due = true;
                 (at, Input::Robot(Box::new(sample)))
             }
-            Err(error) => (self.devices.clock.now(), Input::RobotLost { why: error.to_string() }),
+            Err(error) => (self.clock.now(), Input::RobotLost { why: error.to_string() }),
         }
     }
 }
@@ -263,13 +157,13 @@ impl World for Live<'_> {
     type Error = LiveError;
 
     fn execute(&mut self, command: &Command) -> Result<(), LiveError> {
-        self.writer.command(self.devices.clock.now(), command)?;
+        self.writer.command(self.clock.now(), command)?;
         if matches!(command, Command::Start | Command::Move { .. } | Command::Travel { .. }) {
             // What has been asked of the arm must be known to whoever resumes.
             self.writer.sync()?;
         }
         (self.progress)(Told::Command(command));
-        let robot = &mut self.devices.robot;
+        let robot = &mut self.robot;
         let begun = match command {
             Command::Start => robot.start_program(),
             Command::Move { target, .. } | Command::Travel { target, .. } => robot.start_move(target).map(drop),
@@ -279,13 +173,10 @@ impl World for Live<'_> {
                 Ok(())
             }
             Command::Capture { pose, attempt } => {
-                if let Err(error) = self.begin_capture(*pose, *attempt) {
-                    let at = self.devices.clock.now();
-                    self.pending.push_back((at, Input::CaptureFailed { pose: *pose, why: error.to_string() }));
-                }
+                self.pending.extend(self.cameras.begin(*pose, *attempt));
                 Ok(())
             }
-            Command::Wait { .. } => Ok(()),
+            Command::Wait { .. } | Command::Guide { .. } => Ok(()),
             // The session is over: what fails now is told, and changes nothing that was captured.
             Command::Stop { .. } => {
                 if let Err(error) = robot.stop() {
@@ -303,7 +194,7 @@ impl World for Live<'_> {
             }
         };
         if let Err(error) = begun {
-            self.pending.push_back((self.devices.clock.now(), Input::RobotLost { why: error.to_string() }));
+            self.pending.push_back((self.clock.now(), Input::RobotLost { why: error.to_string() }));
         }
         Ok(())
     }
@@ -311,9 +202,9 @@ impl World for Live<'_> {
     fn next_input(&mut self) -> Result<Option<(Stamp, Input)>, LiveError> {
         if self.heartbeat_due {
             self.heartbeat_due = false;
-            if let Err(error) = self.devices.robot.heartbeat() {
+            if let Err(error) = self.robot.heartbeat() {
                 let why = error.to_string();
-                self.pending.push_back((self.devices.clock.now(), Input::RobotLost { why }));
+                self.pending.push_back((self.clock.now(), Input::RobotLost { why }));
             }
         }
         self.poll_capture()?;

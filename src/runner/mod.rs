@@ -4,6 +4,8 @@
 //! the program records, closes the file and solves by reading it back, as a replay does. Uses everything
 //! above it.
 
+mod capture;
+mod handheld;
 mod live;
 mod options;
 mod past;
@@ -12,6 +14,7 @@ mod replay;
 pub mod setup;
 pub mod solve;
 
+pub use handheld::{HandheldLive, Rest};
 pub use live::{Devices, Live, LiveError, Nobody, Operator, Told};
 pub use options::RunOptions;
 pub use past::{Past, PastError};

@@ -109,7 +109,9 @@ pub(super) fn is_same(recorded: &Command, now: &Command) -> bool {
         }
         (Command::Travel { target: to_a, .. }, Command::Travel { target: to_b, .. }) => same_target(to_a, to_b),
         // The reason is text for people.
-        (Command::Stop { .. }, Command::Stop { .. }) | (Command::Confirm { .. }, Command::Confirm { .. }) => true,
+        (Command::Stop { .. }, Command::Stop { .. })
+        | (Command::Confirm { .. }, Command::Confirm { .. })
+        | (Command::Guide { .. }, Command::Guide { .. }) => true,
         (recorded, now) => recorded == now,
     }
 }
@@ -123,6 +125,7 @@ pub(super) fn described(command: &Command) -> String {
         Command::Confirm { question } => format!("ask: {question}"),
         Command::Start => "start the program".into(),
         Command::Travel { why, target } => format!("travel {why} ({})", shown(target)),
+        Command::Guide { advice } => format!("advise: {advice}"),
         Command::Finish { load: None } => "finish".into(),
         Command::Finish { load: Some(program) } => format!("finish and load {program}"),
     }

@@ -10,14 +10,14 @@ use crate::board::Board;
 use crate::calibration::problem::{CameraSetup, CheckTruth, DistancePair, KnownCamera, KnownCameras};
 use crate::calibration::result::{CalibrationResult, SCHEMA_VERSION};
 use crate::calibration::settings::{Carried, Gates, PoseKind, Settings};
-use crate::config::{self, Cell, ConfigError, MotionBy, Stillness};
+use crate::config::{self, Cell, ChecksCell, ConfigError, Handheld, MotionBy, RobotDriver, Stillness};
 use crate::geometry::{
     Camera, Flange, Pinhole, Tcp, Transform,
     kinematics::{Arm, ModelError},
 };
 use crate::plan::{self, JointMoves, Plan, PlanError};
 use crate::recording::{Attachment, ImportSetup, Kind, Recording, RecordingError};
-use crate::session::{Expected, Options, Route, Stop, Ways};
+use crate::session::{Expected, HandheldRules, Options, Route, Stop, Ways};
 
 /// Everything that a session is run and solved with.
 #[derive(Debug, Clone)]
@@ -75,6 +75,11 @@ pub enum MachineSpec {
         options: Options,
         /// Program that is loaded when all is done.
         load: Option<String>,
+    },
+    /// Watches what an operator holds before the cameras.
+    Handheld {
+        /// What counts as still and as enough.
+        rules: HandheldRules,
     },
     /// Collects what a source declares.
     Imported {
@@ -227,7 +232,8 @@ impl CellTexts {
             None => Arm::ur5e(),
             Some((name, text)) => Arm::from_urdf(text).map_err(|why| SetupError::Model { name: name.clone(), why })?,
         };
-        let plan = plan::expand_with(&cell, &arm, &parsed)?;
+        let by_hand = cell.robot.driver == RobotDriver::None;
+        let plan = if by_hand { Plan::default() } else { plan::expand_with(&cell, &arm, &parsed)? };
         let mut setup = Setup::of_cell(&cell, &arm, &plan, run);
         setup.sha256.insert("cell".into(), sha256(self.cell.1.as_bytes()));
         for (i, (name, text)) in self.trajectories.iter().enumerate() {
@@ -278,23 +284,25 @@ impl Setup {
 
     fn of_cell(cell: &Cell, arm: &Arm, plan: &Plan, run: &RunOptions) -> Self {
         let (exposure_s, images_per_s) = cell.rgb.as_ref().map_or((0.0999, 10.0), |c| (c.exposure_s, c.images_per_s));
+        let by_hand = cell.robot.driver == RobotDriver::None;
+        let ChecksCell { corner_id, target_to_tcp_m } = cell.checks;
         Self {
             name: cell.name.clone(),
             board: cell.board.clone(),
             carried: cell.carried,
-            robot_poses: true,
+            robot_poses: !by_hand,
             cameras: cameras(cell),
-            poses: plan.poses.iter().map(|p| (p.id.clone(), p.kind)).collect(),
+            poses: if by_hand { by_hand_poses(cell) } else { planned_poses(plan) },
             pairs: pairs(plan),
-            checks: Some(CheckTruth { corner_id: cell.checks.corner_id, target_to_tcp_m: cell.checks.target_to_tcp_m }),
+            checks: (!by_hand).then_some(CheckTruth { corner_id, target_to_tcp_m }),
             settings: cell.settings.clone(),
             gates: Some(cell.gates.clone()),
             known: None,
             exposure_s,
             image_period_s: 1.0 / images_per_s,
             trigger_channel: cell.event.as_ref().map_or(0, |e| e.trigger_channel),
-            machine: machine(cell, arm, plan, run),
-            model: Some((arm.clone(), cell.robot.tcp_offset)),
+            machine: if by_hand { by_hand_machine(cell) } else { machine(cell, arm, plan, run) },
+            model: (!by_hand).then(|| (arm.clone(), cell.robot.tcp_offset)),
             source: None,
             sha256: BTreeMap::new(),
         }
@@ -432,6 +440,21 @@ pub fn expected_of(cell: &Cell) -> Expected {
         gripper_empty: robot.gripper_empty.clone(),
         external: matches!(robot.motion, MotionBy::External(_)),
     }
+}
+
+fn planned_poses(plan: &Plan) -> Vec<(String, PoseKind)> {
+    plan.poses.iter().map(|p| (p.id.clone(), p.kind)).collect()
+}
+
+fn by_hand_poses(cell: &Cell) -> Vec<(String, PoseKind)> {
+    (1..=cell.handheld.poses).map(|i| (format!("hand-{i:03}"), PoseKind::Intrinsics)).collect()
+}
+
+fn by_hand_machine(cell: &Cell) -> MachineSpec {
+    let Handheld { poses, motion_px, hold_s } = cell.handheld;
+    let sizes = cameras(cell).into_iter().map(|(camera, setup)| (camera, [setup.width, setup.height])).collect();
+    let min_corners = cell.settings.min_corners as usize;
+    MachineSpec::Handheld { rules: HandheldRules { poses: poses as usize, motion_px, hold_s, min_corners, sizes } }
 }
 
 fn machine(cell: &Cell, arm: &Arm, plan: &Plan, run: &RunOptions) -> MachineSpec {

@@ -123,7 +123,7 @@ fn replay(recording: &Recording, setup: &Setup) -> Result<Outcome, Diverged> {
         MachineSpec::Live { route, limits, .. } if outcome.is_err() && !recording.damage.is_empty() => {
             run(Salvage::new(route.stops.len(), limits), &mut Replay::unchecked(recording))
         }
-        MachineSpec::Live { .. } | MachineSpec::Imported { .. } => outcome,
+        MachineSpec::Live { .. } | MachineSpec::Imported { .. } | MachineSpec::Handheld { .. } => outcome,
     }
 }
 
@@ -134,7 +134,7 @@ impl MachineSpec {
             Self::Live { route, limits, expected, options, load } => {
                 Some(crate::session::Live::new(*route, limits, *expected, options, load))
             }
-            Self::Imported { .. } => None,
+            Self::Imported { .. } | Self::Handheld { .. } => None,
         }
     }
 
@@ -145,6 +145,7 @@ impl MachineSpec {
                 run(crate::session::Live::new(*route, limits, *expected, options, load), world)
             }
             Self::Imported { poses } => run(crate::session::Imported::new(poses), world),
+            Self::Handheld { rules } => run(crate::session::Handheld::new(rules), world),
         }
     }
 }

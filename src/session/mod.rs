@@ -4,6 +4,7 @@
 //! [`types`], the words that are logged; [`Live`] walks a trajectory,
 //! [`Imported`] only collects, [`Salvage`] reads what damage has left.
 
+mod handheld;
 mod imported;
 mod live;
 mod modes;
@@ -14,6 +15,7 @@ mod stillness;
 mod teach;
 pub mod types;
 
+pub use handheld::{Handheld, HandheldRules};
 pub use imported::Imported;
 pub use live::{Live, Options};
 pub use modes::{robot_mode_name, runtime_state_name, safety_mode_name};
@@ -23,7 +25,8 @@ pub use salvage::Salvage;
 pub use stillness::Evidence;
 pub use teach::{Advice, Light, Taken, TeachError, Teacher};
 pub use types::{
-    Captured, Command, Declared, ExecutorState, Exposure, Input, Kinematics, MoveTarget, RobotFacts, RobotSample, Stamp,
+    Captured, Command, Declared, ExecutorState, Exposure, Input, Kinematics, Look, MoveTarget, RobotFacts, RobotSample,
+    Stamp,
 };
 
 use crate::geometry::{Base, Tcp, Transform, kinematics::Joints};

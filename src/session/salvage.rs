@@ -64,7 +64,8 @@ impl Machine for Salvage {
             | Input::Interrupted
             | Input::Confirmed
             | Input::Declined
-            | Input::Resumed => {}
+            | Input::Resumed
+            | Input::Looked(_) => {}
         }
         None
     }

@@ -1,9 +1,12 @@
 //! What happens and what is asked: the words that are logged, and that a replay repeats.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
+use crate::board::View;
 use crate::geometry::{
-    Base, Tcp, Transform,
+    Base, Camera, Tcp, Transform,
     kinematics::{Dh, Joints},
 };
 pub use crate::plan::MoveTarget;
@@ -160,6 +163,15 @@ pub enum Input {
     Declined,
     /// The session goes on after it had ended; everything before has been checked anew.
     Resumed,
+    /// Both cameras were looked through; only without a robot.
+    Looked(Look),
+}
+
+/// What the cameras saw at one moment.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Look {
+    /// The corners that each camera saw; an image that could not be had is absent.
+    pub views: BTreeMap<Camera, View>,
 }
 
 /// What the cameras delivered for one capture; images and events lie beside it in the log.
@@ -269,6 +281,11 @@ pub enum Command {
     Stop {
         /// Why, in words.
         why: String,
+    },
+    /// Tell the operator what to do next; only without a robot.
+    Guide {
+        /// What to do, in words.
+        advice: String,
     },
     /// No poses left: stop our program on the controller.
     Finish {

@@ -459,7 +459,7 @@ impl Machine for Live {
             Input::Interrupted => Some(self.interrupted()),
             Input::Confirmed => self.answered(true),
             Input::Declined => self.answered(false),
-            Input::Resumed => None,
+            Input::Resumed | Input::Looked(_) => None,
         }
     }
 

@@ -1,0 +1,169 @@
+//! Captures with the cameras of a session: begun by a command, polled until complete, logged, told as an input.
+
+use std::sync::Arc;
+
+use super::live::LiveError;
+use crate::devices::{CameraError, Clock, EventCamera, FrameCamera, FrameImage, RawEvents};
+use crate::geometry::Camera;
+use crate::recording::{Background, EventPacket};
+use crate::session::{Captured, Input, Stamp};
+
+/// A capture that takes longer has failed, s.
+const CAPTURE_TIMEOUT_S: f64 = 10.0;
+
+/// Pulses the trigger line of the frame camera.
+pub(super) type Pulse<'a> = dyn FnMut() -> Result<(), String> + 'a;
+
+/// Images and raw events of one capture.
+pub(super) type Delivered = (Vec<FrameImage>, Vec<RawEvents>);
+
+/// The cameras and what they are doing.
+pub(super) struct Cameras {
+    frame: Option<Box<dyn FrameCamera>>,
+    event: Option<Box<dyn EventCamera>>,
+    clock: Arc<dyn Clock>,
+    images_per_pose: u32,
+    image_period_s: f64,
+    capture: Option<Capture>,
+    packets: u64,
+}
+
+struct Capture {
+    pose: usize,
+    attempt: u32,
+    images: u32,
+    began: Stamp,
+    frames: Option<Vec<FrameImage>>,
+}
+
+impl Cameras {
+    /// `timing`: images of a capture, and the time from one to the next, s.
+    pub(super) fn new(
+        frame: Option<Box<dyn FrameCamera>>,
+        event: Option<Box<dyn EventCamera>>,
+        clock: Arc<dyn Clock>,
+        timing: (u32, f64),
+    ) -> Self {
+        let (images_per_pose, image_period_s) = timing;
+        Self { frame, event, clock, images_per_pose, image_period_s, capture: None, packets: 0 }
+    }
+
+    /// Whether a capture is going on.
+    pub(super) fn is_busy(&self) -> bool {
+        self.capture.is_some()
+    }
+
+    /// Begins a capture; an input says where that is not possible.
+    pub(super) fn begin(&mut self, pose: usize, attempt: u32) -> Option<(Stamp, Input)> {
+        self.start(pose, attempt, self.images_per_pose).err().map(|error| self.failed(pose, &error))
+    }
+
+    /// Begins with `images` images that are not for the log.
+    pub(super) fn begin_look(&mut self, images: u32) -> Result<(), CameraError> {
+        self.start(0, 0, images)
+    }
+
+    fn start(&mut self, pose: usize, attempt: u32, images: u32) -> Result<(), CameraError> {
+        if let Some(event) = &mut self.event {
+            event.begin()?;
+        }
+        if let Some(frame) = &mut self.frame {
+            frame.begin(images)?;
+        }
+        self.capture = Some(Capture { pose, attempt, images, began: self.clock.now(), frames: None });
+        Ok(())
+    }
+
+    fn failed(&self, pose: usize, error: &CameraError) -> (Stamp, Input) {
+        (self.clock.now(), Input::CaptureFailed { pose, why: error.to_string() })
+    }
+
+    /// Asks the cameras; an input when the capture is complete and logged, or has failed.
+    pub(super) fn poll(
+        &mut self,
+        writer: &mut Background,
+        pulse: &mut Pulse<'_>,
+    ) -> Result<Option<(Stamp, Input)>, LiveError> {
+        let Some((pose, attempt)) = self.capture.as_ref().map(|capture| (capture.pose, capture.attempt)) else {
+            return Ok(None);
+        };
+        match self.poll_look(pulse) {
+            Ok(Some((frames, packets))) => self.deliver(pose, attempt, frames, packets, writer).map(Some),
+            Ok(None) => Ok(None),
+            Err(error) => Ok(Some(self.failed(pose, &error))),
+        }
+    }
+
+    /// Asks the cameras; what they delivered once all is there. After an error nothing is going on any more.
+    pub(super) fn poll_look(&mut self, pulse: &mut Pulse<'_>) -> Result<Option<Delivered>, CameraError> {
+        let Some(mut capture) = self.capture.take() else { return Ok(None) };
+        let delivered = self.advance(&mut capture, pulse)?;
+        if delivered.is_none() {
+            self.capture = Some(capture);
+        }
+        Ok(delivered)
+    }
+
+    fn advance(&mut self, capture: &mut Capture, pulse: &mut Pulse<'_>) -> Result<Option<Delivered>, CameraError> {
+        let camera = Camera::Rgb;
+        let waited_s = self.clock.now().seconds() - capture.began.seconds();
+        if let Some(frame) = &mut self.frame {
+            if capture.frames.is_none() {
+                capture.frames = frame.poll()?;
+            }
+            if capture.frames.is_none() && frame.wants_pulse() {
+                pulse().map_err(|why| CameraError::Failed { camera, why })?;
+            }
+            if capture.frames.is_none() {
+                let patient = waited_s <= CAPTURE_TIMEOUT_S + f64::from(capture.images) * self.image_period_s;
+                return if patient { Ok(None) } else { Err(CameraError::Silent { camera, silent_s: waited_s }) };
+            }
+        } else if waited_s < (f64::from(capture.images) + 2.0) * self.image_period_s {
+            // Without a frame camera the windows are cut by whatever drives the trigger input.
+            return Ok(None);
+        }
+        let packets = self.event.as_mut().map_or(Ok(Vec::new()), |event| event.end())?;
+        Ok(Some((capture.frames.take().unwrap_or_default(), packets)))
+    }
+
+    fn deliver(
+        &mut self,
+        pose: usize,
+        attempt: u32,
+        frames: Vec<FrameImage>,
+        packets: Vec<RawEvents>,
+        writer: &mut Background,
+    ) -> Result<(Stamp, Input), LiveError> {
+        let mut exposures = Vec::new();
+        for FrameImage { exposure, image } in frames {
+            if let Some(image) = image {
+                writer.image(Stamp::from_seconds(exposure.start_s), image)?;
+            }
+            exposures.push(exposure);
+        }
+        let event_bytes = self.log_events(packets, writer)?;
+        let captured = Captured { pose, attempt, exposures, event_bytes, declared: None };
+        Ok((self.clock.now(), Input::Captured(captured)))
+    }
+
+    fn log_events(&mut self, packets: Vec<RawEvents>, writer: &mut Background) -> Result<u64, LiveError> {
+        let Some(event) = &self.event else { return Ok(0) };
+        let (size, encoding) = (event.size(), event.encoding());
+        let mut event_bytes = 0;
+        for RawEvents { first_us, arrived, words } in packets {
+            event_bytes += words.len() as u64;
+            self.packets += 1;
+            let packet = EventPacket {
+                stamp_ns: arrived.0,
+                height: size[1],
+                width: size[0],
+                sequence: self.packets,
+                time_base_ns: u64::try_from(first_us).unwrap_or(0) * 1000,
+                encoding: encoding.into(),
+                events: words,
+            };
+            writer.events(self.clock.now(), packet)?;
+        }
+        Ok(event_bytes)
+    }
+}
