@@ -6,6 +6,7 @@ mod cell;
 mod check;
 mod events;
 mod exit;
+mod handheld;
 mod import;
 mod progress;
 mod rehearsal;

@@ -8,16 +8,16 @@ use clap::Args;
 
 use super::exit::{self, UsageError};
 use super::progress::{Bar, say};
-use super::session::{AtTerminal, Bench, SOLVING, Steps, interrupts, open, tell};
-use super::{Exit, cell, rehearsal, replay};
+use super::session::{AtTerminal, SOLVING, Steps, interrupts, open, tell};
+use super::{Exit, cell, handheld, rehearsal, replay};
 use crate::config::{Cell, RobotDriver};
 use crate::devices::sim::cell::SimStart;
 use crate::devices::sim::ur::Planned as PlannedFault;
 use crate::devices::ur::MOTION_SCRIPT;
 use crate::recording::{About, Attachment, FORMAT_VERSION, Kind, Writer};
-use crate::runner::setup::{CellTexts, Planned};
+use crate::runner::setup::{CellTexts, Planned, Setup};
 use crate::runner::solve::{sha256, solve_recording};
-use crate::runner::{Live, RunOptions, Told};
+use crate::runner::{HandheldLive, Live, RunOptions, Told};
 use crate::session::Outcome;
 
 /// Share of the caps at which taught poses are driven to for the first time.
@@ -110,10 +110,13 @@ impl Run {
         for warning in &plan.warnings {
             say(&format!("warning: {warning}"));
         }
+        if cell.robot.driver == RobotDriver::None {
+            return self.by_hand(&cell, &texts, &options, &setup);
+        }
         let start = SimStart { faults: self.sim_faults.clone(), ..SimStart::default() };
         let bench = open(&self.cell, &cell, &options, self.seed, self.time_scale, start)?;
         let (session_id, path) = self.name(&cell, &texts)?;
-        let about = about(session_id, &texts, &bench, &options, self.seed);
+        let about = about(session_id, &texts, &bench.robot, &options, self.seed);
         let writer = Writer::create(&path, &about, &attachments(&texts))?;
         let mut operator = AtTerminal::new(self.unattended);
         let mut steps = Steps::new(&plan);
@@ -130,7 +133,31 @@ impl Run {
         solve(&path, self.json, &steps.notes)
     }
 
+    /// A session without a robot.
+    fn by_hand(&self, cell: &Cell, texts: &CellTexts, run: &RunOptions, setup: &Setup) -> anyhow::Result<Exit> {
+        let handheld::Held { frame, event, clock, rest } =
+            handheld::open(&self.cell, cell, self.seed, self.time_scale)?;
+        let (session_id, path) = self.name(cell, texts)?;
+        let about = about(session_id, texts, "none: moved by hand", run, self.seed);
+        let writer = Writer::create(&path, &about, &texts.attachments())?;
+        let mut hear = |told: Told<'_>| handheld::hear(&told);
+        let timing = (cell.images_per_pose, setup.image_period_s);
+        let (devices, board) = ((frame, event, clock, rest), cell.board.clone());
+        let mut live = HandheldLive::new(devices, board, writer, timing, interrupts()?, &mut hear)?;
+        let outcome = setup.machine.clone().run(&mut live)?;
+        let path = live.into_recording()?;
+        SOLVING.store(true, Ordering::Relaxed);
+        tell(&outcome.end, &path);
+        say(&format!("recorded: {}", path.display()));
+        solve(&path, self.json, &[])
+    }
+
     fn refuse(&self, cell: &Cell, run: &RunOptions) -> Result<(), UsageError> {
+        let armless = cell.robot.driver == RobotDriver::None;
+        if armless && (self.rehearse || self.step || self.unattended || !self.sim_faults.is_empty()) {
+            let why = "--rehearse, --step, --unattended and --sim-fault are for a cell with a robot";
+            return Err(UsageError(format!("{}: {why}; this one has `robot: none`", self.cell.display())));
+        }
         if !self.sim_faults.is_empty() && cell.robot.driver != RobotDriver::Sim {
             let why = "--sim-fault is for the simulated robot";
             return Err(UsageError(format!("{}: {why}", self.cell.display())));
@@ -217,12 +244,12 @@ fn attachments(texts: &CellTexts) -> Vec<Attachment> {
     all
 }
 
-fn about(session_id: String, texts: &CellTexts, bench: &Bench, options: &RunOptions, seed: Option<u64>) -> About {
+fn about(session_id: String, texts: &CellTexts, robot: &str, options: &RunOptions, seed: Option<u64>) -> About {
     let mut facts: std::collections::BTreeMap<_, _> = options.to_facts().collect();
     facts.insert("cell_sha256".into(), sha256(texts.cell.1.as_bytes()));
     facts.insert("texts_sha256".into(), texts.sha256());
     facts.insert("motion_script_sha256".into(), crate::devices::ur::script_sha256());
-    facts.insert("robot".into(), bench.robot.clone());
+    facts.insert("robot".into(), robot.to_owned());
     facts.extend(seed.map(|seed| ("sim_seed".to_owned(), seed.to_string())));
     let program_version = env!("CARGO_PKG_VERSION").into();
     About { format_version: FORMAT_VERSION, kind: Kind::Live, session_id, program_version, facts }

@@ -7,10 +7,10 @@ use rand::{Rng as _, SeedableRng as _};
 use rand_pcg::Pcg64;
 use serde::de::DeserializeOwned;
 
-use super::rig::{Placement, Rig, SimEventCamera, SimFrameCamera};
+use super::rig::{Placement, Rig, SimEventCamera, SimFrameCamera, Whereabouts};
 use super::scene::{DisplaySpec, EventSpec, FrameSpec, Optics, Scene, SceneError, SceneSpec};
-use super::ur::{Flaws, Planned as PlannedFault, SimClock, SimController, SimUrConfig, Truth};
-use crate::config::{Cell, FrameTrigger, Interlock, Mount, Section};
+use super::ur::{Flaws, Planned as PlannedFault, SimClock, SimController, SimUrConfig};
+use crate::config::{Cell, FrameTrigger, Interlock, Mount, RobotDriver, Section};
 use crate::cv::{CvError, charuco};
 use crate::devices::ur::{UrConfig, UrRobot};
 use crate::devices::{Clock, EventCamera, FrameCamera, Robot, RobotError};
@@ -108,27 +108,7 @@ impl SimCell {
         config.start_joints_rad = joints_rad.unwrap_or(config.start_joints_rad);
         let controller = SimController::start(config, seed).map_err(|why| SimError::Controller(why.to_string()))?;
         let (clock, arm) = (controller.clock(), controller.truth());
-        let mut draw = Draw(Pcg64::seed_from_u64(seed ^ 0x5e11_0ca1));
-        let optics = lenses(cell, seed);
-        let (placement, event_from_rgb, mount_of_camera) = place(cell, &mut draw);
-        let scene = Scene::new(SceneSpec {
-            board: cell.board.clone(),
-            pattern: charuco::draw(&cell.board, PX_PER_SQUARE)?,
-            alpha: cell.display.alpha,
-            cycle_hz: cell.display.cycle_hz,
-            display: parsed::<DisplaySpec>("display", section(|s| s.display.clone()))?,
-            rgb: both(optics[0].clone(), parsed::<FrameSpec>("frame", section(|s| s.frame.clone()))?),
-            event: both(optics[1].clone(), parsed::<EventSpec>("events", section(|s| s.events.clone()))?),
-            seed,
-        })?;
-        let truth = SimTruth {
-            rgb: optics[0].as_ref().map(Optics::pinhole),
-            event: optics[1].as_ref().map(Optics::pinhole),
-            event_from_rgb,
-            placement,
-            mount_of_camera,
-        };
-        let mut rig = rig(cell, scene, placement, arm, clock.clone(), &mut draw);
+        let (mut rig, truth) = whole_rig(cell, seed, Whereabouts::Arm(arm), clock.clone())?;
         // A camera that was opened anew counts its time anew.
         rig.event_offset_s -= 1e-9 * first.0 as f64;
         let rig = Arc::new(rig);
@@ -166,6 +146,38 @@ impl SimCell {
     pub fn scene(&self) -> &Scene {
         &self.rig.scene
     }
+}
+
+/// The cameras and the display as the seed draws them, and what is true about them.
+pub(super) fn whole_rig(
+    cell: &Cell,
+    seed: u64,
+    whereabouts: Whereabouts,
+    clock: SimClock,
+) -> Result<(Rig, SimTruth), SimError> {
+    let sim = cell.sim.as_ref();
+    let section = |pick: fn(&crate::config::SimCell) -> Option<Section>| sim.and_then(pick);
+    let mut draw = Draw(Pcg64::seed_from_u64(seed ^ 0x5e11_0ca1));
+    let optics = lenses(cell, seed);
+    let (placement, event_from_rgb, mount_of_camera) = place(cell, &mut draw);
+    let scene = Scene::new(SceneSpec {
+        board: cell.board.clone(),
+        pattern: charuco::draw(&cell.board, PX_PER_SQUARE)?,
+        alpha: cell.display.alpha,
+        cycle_hz: cell.display.cycle_hz,
+        display: parsed::<DisplaySpec>("display", section(|s| s.display.clone()))?,
+        rgb: both(optics[0].clone(), parsed::<FrameSpec>("frame", section(|s| s.frame.clone()))?),
+        event: both(optics[1].clone(), parsed::<EventSpec>("events", section(|s| s.events.clone()))?),
+        seed,
+    })?;
+    let truth = SimTruth {
+        rgb: optics[0].as_ref().map(Optics::pinhole),
+        event: optics[1].as_ref().map(Optics::pinhole),
+        event_from_rgb,
+        placement,
+        mount_of_camera,
+    };
+    Ok((rig(cell, scene, placement, whereabouts, clock, &mut draw), truth))
 }
 
 fn parsed<T: DeserializeOwned + Default>(section: &'static str, values: Option<Section>) -> Result<T, SimError> {
@@ -212,7 +224,7 @@ fn lenses(cell: &Cell, seed: u64) -> [Option<Optics>; 2] {
     [rgb, event]
 }
 
-fn rig(cell: &Cell, scene: Scene, placement: Placement, truth: Truth, clock: SimClock, draw: &mut Draw) -> Rig {
+fn rig(cell: &Cell, scene: Scene, placement: Placement, truth: Whereabouts, clock: SimClock, draw: &mut Draw) -> Rig {
     let (exposure_s, images_per_s) = cell.rgb.as_ref().map_or((0.0999, 10.0), |c| (c.exposure_s, c.images_per_s));
     Rig {
         scene,
@@ -245,6 +257,13 @@ fn place(cell: &Cell, draw: &mut Draw) -> (Placement, Transform<Event, Rgb>, Tra
         Camera::Event => Transform::assume_frames(*t.inverse().iso()),
     };
     let rgb_from_sensor = rgb_from_reference(event_from_rgb);
+    if cell.robot.driver == RobotDriver::None {
+        // What is held is given before the frame camera; there is no base to draw.
+        let (rgb_from_base, flange_from_target) = (Transform::identity(), Transform::identity());
+        let event_from_base = event_from_rgb * rgb_from_base;
+        let placement = Placement::CarriedTarget { rgb_from_base, event_from_base, flange_from_target };
+        return (placement, event_from_rgb, Transform::assume_frames(*rgb_from_sensor.iso()));
+    }
     match cell.nominal.mount {
         Mount::Target { base_from_camera, tcp_from_target } => {
             let base_from_camera = base_from_camera * draw.small::<Sensor, Sensor>(4e-3, 1.0);

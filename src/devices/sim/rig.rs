@@ -5,6 +5,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::hand::HandPath;
 use super::scene::Scene;
 use super::ur::{SimClock, Truth};
 use crate::config::FrameTrigger;
@@ -71,14 +72,39 @@ impl Placement {
     }
 }
 
+/// Where what is carried truly is.
+pub enum Whereabouts {
+    /// On the arm.
+    Arm(Truth),
+    /// In the hand of an operator: the flange of [`Placement`].
+    Hand(HandPath),
+}
+
+impl Whereabouts {
+    fn base_from_flange_at(&self, at_s: f64) -> Option<Transform<Base, Flange>> {
+        match self {
+            Self::Arm(truth) => truth.base_from_flange_at(at_s),
+            Self::Hand(path) => path.base_from_flange_at(at_s),
+        }
+    }
+
+    /// When a digital output went on, after a simulated time, s.
+    fn rises(&self, output: u8, after_s: f64) -> Vec<f64> {
+        match self {
+            Self::Arm(truth) => truth.rises(output, after_s),
+            Self::Hand(_) => Vec::new(),
+        }
+    }
+}
+
 /// What both cameras share.
 pub struct Rig {
     /// Display and sensors.
     pub scene: Scene,
     /// Where everything truly is.
     pub placement: Placement,
-    /// Where the arm truly is.
-    pub truth: Truth,
+    /// Where arm or hand truly are.
+    pub truth: Whereabouts,
     /// Simulated time.
     pub clock: SimClock,
     /// Exposure time, s.

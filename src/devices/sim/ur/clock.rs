@@ -19,6 +19,11 @@ impl SimClock {
         self.nanoseconds.store(nanoseconds, Ordering::Release);
     }
 
+    /// Lets time pass where there is no controller.
+    pub(in crate::devices::sim) fn advance(&self, seconds: f64) {
+        self.nanoseconds.fetch_add((seconds * 1e9).round() as u64, Ordering::AcqRel);
+    }
+
     /// Simulated time, seconds.
     pub fn seconds(&self) -> f64 {
         self.now().seconds()
