@@ -55,7 +55,8 @@ impl Resume {
         let seed = about.facts.get("sim_seed").and_then(|s| s.parse().ok());
         self.refuse(&cell, &options)?;
         let machine = setup.machine.clone().into_live();
-        let mut machine = machine.ok_or_else(|| refuse("an imported session cannot be resumed"))?;
+        let mut machine =
+            machine.ok_or_else(|| refuse("a session without a robot cannot be resumed; begin a new one"))?;
         let stood = last_joints(&recording);
         let path = self.new_name()?;
         let mut writer = Writer::create(&path, &about, &attachments(&recording))?;

@@ -7,6 +7,7 @@ mod bench;
 mod cell_around;
 mod faults;
 mod fuzz_corpus;
+mod handheld;
 mod killed;
 mod real_data;
 mod resume;

@@ -43,12 +43,12 @@ fn stillness(poses: &[PoseResult]) -> String {
     if evidence.is_empty() {
         return "absent: no pose has evidence of it".into();
     }
-    let measured = evidence.iter().filter(|(_, v)| v.get("source").and_then(Value::as_str) == Some("measured")).count();
-    let other = evidence.len() - measured;
-    let mut text = format!("measured at {measured} of {}", count(poses.len(), "pose"));
-    if other > 0 {
-        text.push_str(&format!(", declared by the source at {other}"));
+    let mut by_source: BTreeMap<&str, usize> = BTreeMap::new();
+    for source in evidence.iter().filter_map(|(_, v)| v.get("source").and_then(Value::as_str)) {
+        *by_source.entry(source).or_default() += 1;
     }
+    let shown: Vec<_> = by_source.iter().map(|(source, n)| format!("{source} at {n}")).collect();
+    let mut text = format!("{} of {}", shown.join(", "), count(poses.len(), "pose"));
     if let Some((pose, speed)) = largest(&evidence, "max_joint_speed_rad_s") {
         text.push_str(&format!("; fastest joint {} mrad/s at {pose}", fixed(speed * 1e3, 2)));
     }
