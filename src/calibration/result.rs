@@ -15,6 +15,7 @@ use super::kinematics::KinematicsResult;
 use super::observability::Observability;
 use super::settings::{Gates, PoseKind, Settings};
 use crate::board::Board;
+use crate::events::blink::DisplayProof;
 use crate::geometry::{Base, Camera, Event, Pinhole, Rgb, Sensor, Target, Tcp, Transform};
 
 /// Version of the layout of `result.json`.
@@ -58,6 +59,9 @@ pub struct CalibrationResult {
     /// How event camera and exposures were brought together.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timing: Option<Timing>,
+    /// How the display blinked when the session watched it last, on the clock of the event camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub display: Option<DisplayProof>,
     /// What happened at each pose.
     pub poses: Vec<PoseResult>,
     /// Where it comes from.

@@ -59,6 +59,7 @@ pub fn solve(problem: &Problem, origin: Origin) -> CalibrationResult {
         checks: arm.checks,
         kinematics: problem.kinematics.clone(),
         timing: None,
+        display: None,
         poses,
         provenance: provenance(problem, origin.facts, origin.sha256),
     };

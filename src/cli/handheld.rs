@@ -45,6 +45,7 @@ pub(super) fn hear(told: &Told<'_>) {
         Told::Command(
             Command::Confirm { .. }
             | Command::Start
+            | Command::Watch
             | Command::Travel { .. }
             | Command::Move { .. }
             | Command::Stop { .. }

@@ -76,7 +76,8 @@ impl Resume {
         let mut steps = Steps::new(&plan);
         let mut hear = |told: Told<'_>| steps.hear(told);
         let timing = (cell.images_per_pose, setup.image_period_s);
-        let mut live = Live::new(bench.devices, writer, timing, interrupts()?, &mut operator, &mut hear)?.resumed();
+        let live = Live::new(bench.devices, writer, timing, interrupts()?, &mut operator, &mut hear)?;
+        let mut live = live.expecting(&cell.display).resumed();
         let driven = runner::drive(&mut machine, &mut live).map(|()| machine.into_outcome());
         let (outcome, path) = close(driven, live)?;
         tell(&outcome.end, &path);

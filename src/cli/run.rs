@@ -122,7 +122,8 @@ impl Run {
         let mut steps = Steps::new(&plan);
         let mut hear = |told: Told<'_>| steps.hear(told);
         let timing = (cell.images_per_pose, setup.image_period_s);
-        let mut live = Live::new(bench.devices, writer, timing, interrupts()?, &mut operator, &mut hear)?;
+        let live = Live::new(bench.devices, writer, timing, interrupts()?, &mut operator, &mut hear)?;
+        let mut live = live.expecting(&cell.display);
         let outcome = setup.machine.clone().run(&mut live);
         let (outcome, path) = close(outcome, live)?;
         tell(&outcome.end, &path);

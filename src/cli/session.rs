@@ -204,6 +204,7 @@ impl<'a> Steps<'a> {
         let id = |pose: usize| self.plan.poses.get(pose).map_or("?", |p| p.id.as_str());
         match command {
             Command::Start => say("pre-flight passed"),
+            Command::Watch => say("watching the display"),
             Command::Travel { why, .. } => say(&format!("moving {why}")),
             Command::Capture { pose, attempt: 0 } => {
                 say(&format!("[{:>3}/{total}] {} still, capturing", pose + 1, id(*pose)));

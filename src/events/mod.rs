@@ -4,6 +4,7 @@
 //! [`Decoder`]; [`Header`] opens a RAW file, [`RawInfo`] sums one up, [`sync`] finds the windows of a session.
 
 mod accumulate;
+pub mod blink;
 mod clock;
 mod decode;
 mod encode;

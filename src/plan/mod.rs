@@ -33,6 +33,8 @@ pub struct Plan {
     pub poses: Vec<PlannedPose>,
     /// The move from the last pose to the home position of the cell, where the cell wants it and we move the arm.
     pub home: Option<PlannedMove>,
+    /// Whether the event camera should see most of the board from home.
+    pub home_sees_board: bool,
     /// Estimated duration, from home to the last capture and home again, seconds.
     pub duration_s: f64,
     /// What is allowed but worth knowing.
@@ -182,7 +184,7 @@ pub fn expand_with(cell: &Cell, arm: &Arm, trajectories: &[(PoseKind, Trajectory
         clearance: Clearance::of(cell, arm),
         now_rad: cell.robot.home_joints_rad,
         ids: BTreeSet::new(),
-        plan: Plan { poses: Vec::new(), home: None, duration_s: 0.0, warnings: Vec::new() },
+        plan: Plan { home_sees_board: sight::from_home(cell, arm), ..Plan::default() },
         problems: Vec::new(),
     };
     // From a home position that is not clear no pose can be reached: one problem, not one for each of them.

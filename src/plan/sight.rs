@@ -4,7 +4,7 @@ use nalgebra::Point3;
 
 use super::{PlannedPose, Refusal};
 use crate::config::Cell;
-use crate::geometry::{Base, Camera, Point, Sensor, Target, Tcp, Transform};
+use crate::geometry::{Base, Camera, Point, Sensor, Target, Tcp, Transform, kinematics::Arm};
 
 /// Number of inner corners inside each image; refused where none is, or where a camera sees the back.
 pub(super) fn corners_in_view(
@@ -30,6 +30,13 @@ pub(super) fn corners_in_view(
         seen.push((camera, corners.filter(|corner| inside(*corner)).count()));
     }
     if seen.iter().all(|(_, corners)| *corners == 0) { Err(Refusal::OutOfView) } else { Ok(seen) }
+}
+
+/// Whether the event camera should see at least half of the corners from home.
+pub(super) fn from_home(cell: &Cell, arm: &Arm) -> bool {
+    let base_from_tcp = arm.forward(&cell.robot.home_joints_rad) * cell.robot.tcp_offset;
+    let seen = corners_in_view(cell, base_from_tcp).unwrap_or_default();
+    seen.iter().any(|(camera, corners)| *camera == Camera::Event && 2 * corners >= cell.board.corner_count())
 }
 
 /// One line for each camera that misses corners at poses of a trajectory.

@@ -309,6 +309,7 @@ pub(super) fn session() -> CalibrationResult {
         hand_eye: Some(hand_eye()),
         checks,
         kinematics: Some(kinematics()),
+        display: None,
         timing: Some(Timing {
             offset_s: 12.345_678,
             drift_ppm: -3.21,

@@ -1,15 +1,21 @@
 //! Captures with the cameras of a session: begun by a command, polled until complete, logged, told as an input.
 
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 use super::live::LiveError;
 use crate::devices::{CameraError, Clock, EventCamera, FrameCamera, FrameImage, RawEvents};
+use crate::events::blink::{DisplayProof, ExpectedBlink};
+use crate::events::{Decoder, Event, Format, Sink, Trigger};
 use crate::geometry::Camera;
 use crate::recording::{Background, EventPacket};
-use crate::session::{Captured, Input, Stamp};
+use crate::session::{Captured, Input, Stamp, Watched};
 
 /// A capture that takes longer has failed, s.
 const CAPTURE_TIMEOUT_S: f64 = 10.0;
+
+/// The display is watched for this long, s.
+const WATCH_S: f64 = 1.0;
 
 /// Pulses the trigger line of the frame camera.
 pub(super) type Pulse<'a> = dyn FnMut() -> Result<(), String> + 'a;
@@ -24,8 +30,18 @@ pub(super) struct Cameras {
     clock: Arc<dyn Clock>,
     images_per_pose: u32,
     image_period_s: f64,
+    expected: Option<ExpectedBlink>,
     capture: Option<Capture>,
+    watch: Option<Watching>,
     packets: u64,
+}
+
+/// How far the watching of the display is.
+enum Watching {
+    /// Events are recorded.
+    Since(Stamp),
+    /// They are judged, beside the loop that keeps the arm alive.
+    Judged(Receiver<Watched>),
 }
 
 struct Capture {
@@ -45,7 +61,66 @@ impl Cameras {
         timing: (u32, f64),
     ) -> Self {
         let (images_per_pose, image_period_s) = timing;
-        Self { frame, event, clock, images_per_pose, image_period_s, capture: None, packets: 0 }
+        let (expected, capture, watch, packets) = (None, None, None, 0);
+        Self { frame, event, clock, images_per_pose, image_period_s, expected, capture, watch, packets }
+    }
+
+    /// What the display should do, for [`Cameras::begin_watch`].
+    pub(super) fn expecting(self, expected: ExpectedBlink) -> Self {
+        Self { expected: Some(expected), ..self }
+    }
+
+    /// Begins to watch the display; an input says where that is not possible.
+    pub(super) fn begin_watch(&mut self) -> Option<(Stamp, Input)> {
+        let begun = match &mut self.event {
+            Some(event) => event.begin().map_err(|error| error.to_string()),
+            None => Err("there is no event camera to watch the display with".into()),
+        };
+        let now = self.clock.now();
+        self.watch = begun.is_ok().then_some(Watching::Since(now));
+        begun.err().map(|why| (now, Input::Watched(Watched::Problem(why))))
+    }
+
+    /// The judgement of the display, once there is one; its events are logged.
+    pub(super) fn poll_watch(&mut self, writer: &mut Background) -> Result<Option<(Stamp, Input)>, LiveError> {
+        let now = self.clock.now();
+        let judged = match &self.watch {
+            None => return Ok(None),
+            Some(Watching::Since(since)) if now.seconds() - since.seconds() < WATCH_S => return Ok(None),
+            Some(Watching::Since(_)) => match self.event.as_mut().map(|event| event.end()) {
+                Some(Ok(packets)) => {
+                    self.watch = Some(Watching::Judged(self.judge(packets.clone())));
+                    self.log_events(packets, writer)?;
+                    return Ok(None);
+                }
+                Some(Err(error)) => Watched::Problem(error.to_string()),
+                None => Watched::Problem("the event camera is gone".into()),
+            },
+            Some(Watching::Judged(receiver)) => match receiver.try_recv() {
+                Ok(watched) => watched,
+                Err(TryRecvError::Empty) => return Ok(None),
+                Err(TryRecvError::Disconnected) => Watched::Problem("its events could not be judged".into()),
+            },
+        };
+        self.watch = None;
+        Ok(Some((now, Input::Watched(judged))))
+    }
+
+    fn judge(&self, packets: Vec<RawEvents>) -> Receiver<Watched> {
+        let (sender, receiver) = channel();
+        let size = self.event.as_ref().map_or([0, 0], |event| event.size());
+        let encoding = self.event.as_ref().map_or("evt3", |event| event.encoding());
+        let expected = self.expected;
+        std::thread::spawn(move || {
+            let watched = match expected.map(|expected| proof(&packets, size, encoding, expected)) {
+                Some(Ok(proof)) => Watched::Proof(proof),
+                Some(Err(why)) => Watched::Problem(why),
+                None => Watched::Problem("the cell does not say how the display should blink".into()),
+            };
+            // Nobody waits any more where the session has ended.
+            let _ = sender.send(watched);
+        });
+        receiver
     }
 
     /// Whether a capture is going on.
@@ -166,4 +241,39 @@ impl Cameras {
         }
         Ok(event_bytes)
     }
+}
+
+/// The events of some packets, in order of arrival.
+pub(super) fn decoded(packets: &[RawEvents], encoding: &str) -> Vec<Event> {
+    let format = Format::from_name(encoding).unwrap_or(Format::Evt3);
+    let (mut decoder, mut events) = (Decoder::new(format), Events(Vec::new()));
+    if let Some(first) = packets.first() {
+        decoder.set_epoch_us(first.first_us);
+    }
+    for packet in packets {
+        decoder.decode_into(&packet.words, &mut events);
+    }
+    events.0
+}
+
+struct Events(Vec<Event>);
+
+impl Sink for Events {
+    fn event(&mut self, event: Event) {
+        self.0.push(event);
+    }
+
+    fn trigger(&mut self, _: Trigger) {}
+}
+
+fn proof(
+    packets: &[RawEvents],
+    size: [u32; 2],
+    encoding: &str,
+    expected: ExpectedBlink,
+) -> Result<DisplayProof, String> {
+    let mut events = decoded(packets, encoding);
+    events.sort_by_key(|event| event.t_us);
+    let size = size.map(|n| u16::try_from(n).unwrap_or(u16::MAX));
+    DisplayProof::find(&events, size, expected).map_err(|problem| problem.to_string())
 }

@@ -8,12 +8,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::World;
-use super::capture::{Cameras, Delivered};
+use super::capture::{Cameras, Delivered, decoded};
 use super::live::{LiveError, Told};
 use crate::board::{Board, View};
 use crate::cv::codec;
 use crate::devices::{Clock, EventCamera, FrameCamera, RawEvents};
-use crate::events::{Decoder, Event, Format, LastPolarity, Sink, Trigger};
+use crate::events::LastPolarity;
 use crate::geometry::Camera;
 use crate::recording::{Background, RecordingError, Writer};
 use crate::session::{Command, Input, Look, Stamp};
@@ -30,7 +30,7 @@ pub struct HandheldLive<'a> {
     board: Board,
     cameras: Cameras,
     event_size: [u32; 2],
-    format: Format,
+    encoding: &'static str,
     clock: Arc<dyn Clock>,
     rest: Rest,
     writer: Background,
@@ -53,10 +53,9 @@ impl<'a> HandheldLive<'a> {
         let writer = Background::new(writer, |image| codec::encode_png(image).map_err(|e| e.to_string()))?;
         let event_size = event.as_ref().map_or([0, 0], |event| event.size());
         let encoding = event.as_ref().map_or("evt3", |event| event.encoding());
-        let format = Format::from_name(encoding).unwrap_or(Format::Evt3);
         let cameras = Cameras::new(frame, event, Arc::clone(&clock), timing);
         let pending = VecDeque::new();
-        Ok(Self { board, cameras, event_size, format, clock, rest, writer, interrupted, progress, pending })
+        Ok(Self { board, cameras, event_size, encoding, clock, rest, writer, interrupted, progress, pending })
     }
 
     /// Closes the recording and gives it its final name.
@@ -105,30 +104,14 @@ impl<'a> HandheldLive<'a> {
     }
 
     fn event_view(&self, packets: &[RawEvents]) -> View {
-        let (mut decoder, mut events) = (Decoder::new(self.format), Events(Vec::new()));
-        if let Some(first) = packets.first() {
-            decoder.set_epoch_us(first.first_us);
-        }
-        for packet in packets {
-            decoder.decode_into(&packet.words, &mut events);
-        }
-        let newest_us = events.0.iter().map(|event| event.t_us).max().unwrap_or(0);
+        let events = decoded(packets, self.encoding);
+        let newest_us = events.iter().map(|event| event.t_us).max().unwrap_or(0);
         let from_us = newest_us - (LOOK_S * 1e6) as i64;
         let [width, height] = self.event_size.map(|n| u16::try_from(n).unwrap_or(u16::MAX));
         let mut image = LastPolarity::new(width, height);
-        events.0.iter().filter(|event| event.t_us >= from_us).for_each(|event| image.add(event));
+        events.iter().filter(|event| event.t_us >= from_us).for_each(|event| image.add(event));
         vision::event_view(&self.board, &image.image()).unwrap_or_default()
     }
-}
-
-struct Events(Vec<Event>);
-
-impl Sink for Events {
-    fn event(&mut self, event: Event) {
-        self.0.push(event);
-    }
-
-    fn trigger(&mut self, _: Trigger) {}
 }
 
 impl World for HandheldLive<'_> {

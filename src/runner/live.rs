@@ -9,8 +9,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::World;
 use super::capture::Cameras;
+use crate::config::DisplayCell;
 use crate::cv::codec;
 use crate::devices::{Clock, EventCamera, FrameCamera, Robot, RobotError};
+use crate::events::blink::ExpectedBlink;
 use crate::recording::{Background, RecordingError, Writer};
 use crate::session::{Command, Input, Stamp};
 
@@ -105,6 +107,13 @@ impl<'a> Live<'a> {
         Ok(Self { robot, cameras, clock, writer, operator, asking, interrupted, progress, pending, heartbeat_due })
     }
 
+    /// What the display should do when it is watched.
+    pub fn expecting(self, display: &DisplayCell) -> Self {
+        let &DisplayCell { cycle_hz, refresh_hz, .. } = display;
+        let cameras = self.cameras.expecting(ExpectedBlink { cycle_hz, refresh_hz });
+        Self { cameras, ..self }
+    }
+
     /// Goes on with a session whose past is in the recording already.
     pub fn resumed(mut self) -> Self {
         let at = self.pending.front().map_or_else(|| self.clock.now(), |(at, _)| *at);
@@ -130,6 +139,7 @@ impl<'a> Live<'a> {
         let mut pulse = || robot.pulse().map_err(|why| why.to_string());
         let input = self.cameras.poll(&mut self.writer, &mut pulse)?;
         self.pending.extend(input);
+        self.pending.extend(self.cameras.poll_watch(&mut self.writer)?);
         Ok(())
     }
 
@@ -174,6 +184,10 @@ impl World for Live<'_> {
             }
             Command::Capture { pose, attempt } => {
                 self.pending.extend(self.cameras.begin(*pose, *attempt));
+                Ok(())
+            }
+            Command::Watch => {
+                self.pending.extend(self.cameras.begin_watch());
                 Ok(())
             }
             Command::Wait { .. } | Command::Guide { .. } => Ok(()),

@@ -87,7 +87,7 @@ impl World for Past<'_> {
                 self.waiting.push(entry);
                 continue;
             };
-            if matches!(input, Input::Captured(_)) {
+            if matches!(input, Input::Captured(_) | Input::Watched(_)) {
                 self.copy_waiting()?;
             }
             self.last = at;

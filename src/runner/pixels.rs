@@ -418,6 +418,7 @@ fn decode<S: crate::events::Sink>(
                 gap = decoder.is_some();
                 after_capture(sink);
             }
+            Entry::Input(_, Input::Watched(_)) => gap = true,
             Entry::Input(..) | Entry::Command(_) | Entry::Image(..) => {}
         }
     }

@@ -125,6 +125,7 @@ pub(super) fn described(command: &Command) -> String {
         Command::Confirm { question } => format!("ask: {question}"),
         Command::Start => "start the program".into(),
         Command::Travel { why, target } => format!("travel {why} ({})", shown(target)),
+        Command::Watch => "watch the display".into(),
         Command::Guide { advice } => format!("advise: {advice}"),
         Command::Finish { load: None } => "finish".into(),
         Command::Finish { load: Some(program) } => format!("finish and load {program}"),

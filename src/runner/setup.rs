@@ -17,7 +17,7 @@ use crate::geometry::{
 };
 use crate::plan::{self, JointMoves, Plan, PlanError};
 use crate::recording::{Attachment, ImportSetup, Kind, Recording, RecordingError};
-use crate::session::{Expected, HandheldRules, Options, Route, Stop, Ways};
+use crate::session::{Expected, HandheldRules, Options, Route, Stop, Watch, Ways};
 
 /// Everything that a session is run and solved with.
 #[derive(Debug, Clone)]
@@ -442,6 +442,16 @@ pub fn expected_of(cell: &Cell) -> Expected {
     }
 }
 
+/// The display is proved to blink as early as the event camera can see it.
+fn watch(cell: &Cell, plan: &Plan, run: &RunOptions) -> Watch {
+    match (&cell.event, plan.home_sees_board) {
+        _ if run.rehearsal => Watch::Never,
+        (None, _) => Watch::Never,
+        (Some(_), true) => Watch::AtStart,
+        (Some(_), false) => Watch::AtFirstPose,
+    }
+}
+
 fn planned_poses(plan: &Plan) -> Vec<(String, PoseKind)> {
     plan.poses.iter().map(|p| (p.id.clone(), p.kind)).collect()
 }
@@ -478,7 +488,7 @@ fn machine(cell: &Cell, arm: &Arm, plan: &Plan, run: &RunOptions) -> MachineSpec
         route: Box::new(route),
         limits: robot.stillness.clone(),
         expected: Box::new(expected_of(cell)),
-        options: Options { confirm_each: run.confirm_each, patience_s },
+        options: Options { confirm_each: run.confirm_each, patience_s, watch: watch(cell, plan, run) },
         load: robot.load_program.clone(),
     }
 }

@@ -90,6 +90,7 @@ pub fn solve_recording(
     let origin = origin(&recording, &setup, recording_sha256, overrides);
     let problem = problem(setup, &outcome, &views.seen);
     let mut result = solve::solve(&problem, origin);
+    result.display = outcome.display.clone();
     result.timing = views.seen.timing.clone().map(Into::into);
     result.warnings.extend(views.seen.problems.iter().cloned());
     result.warnings.extend(recording.damage.iter().map(|d| format!("the recording is damaged: {d}")));

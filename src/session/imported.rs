@@ -55,6 +55,6 @@ impl Machine for Imported {
     fn into_outcome(self) -> Outcome {
         let all = self.poses.iter().all(|p| p.capture.is_some());
         let end = if all { End::Complete } else { End::Cut };
-        Outcome { end, poses: self.poses, captures: self.captures, facts: None }
+        Outcome { end, poses: self.poses, captures: self.captures, facts: None, display: None }
     }
 }

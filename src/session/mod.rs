@@ -17,7 +17,7 @@ pub mod types;
 
 pub use handheld::{Handheld, HandheldRules};
 pub use imported::Imported;
-pub use live::{Live, Options};
+pub use live::{Live, Options, Watch};
 pub use modes::{robot_mode_name, runtime_state_name, safety_mode_name};
 pub use preflight::{Expected, Finding, findings as preflight_findings, start_finding};
 pub use route::{Route, Stop, Ways};
@@ -26,9 +26,10 @@ pub use stillness::Evidence;
 pub use teach::{Advice, Light, Taken, TeachError, Teacher};
 pub use types::{
     Captured, Command, Declared, ExecutorState, Exposure, Input, Kinematics, Look, MoveTarget, RobotFacts, RobotSample,
-    Stamp,
+    Stamp, Watched,
 };
 
+use crate::events::blink::DisplayProof;
 use crate::geometry::{Base, Tcp, Transform, kinematics::Joints};
 
 /// What a state machine must do to be run.
@@ -54,6 +55,8 @@ pub struct Outcome {
     pub captures: Vec<Captured>,
     /// The controller as it described itself; absent without a robot.
     pub facts: Option<RobotFacts>,
+    /// How the display blinked when it was watched last; absent where it was not.
+    pub display: Option<DisplayProof>,
 }
 
 /// How a session ended.

@@ -4,9 +4,10 @@
 //! where the samples around it are there and were still.
 
 use super::stillness::History;
-use super::types::{Captured, Command, Input, RobotFacts, Stamp};
+use super::types::{Captured, Command, Input, RobotFacts, Stamp, Watched};
 use super::{End, Machine, Outcome, PoseRecord};
 use crate::config::Stillness as Limits;
+use crate::events::blink::DisplayProof;
 
 /// Samples are kept this long, s.
 const KEEP_S: f64 = 30.0;
@@ -19,13 +20,15 @@ pub struct Salvage {
     poses: Vec<PoseRecord>,
     captures: Vec<Captured>,
     facts: Option<RobotFacts>,
+    display: Option<DisplayProof>,
 }
 
 impl Salvage {
     /// A session of `poses` poses.
     pub fn new(poses: usize, limits: &Limits) -> Self {
         let poses = vec![PoseRecord::not_reached(); poses];
-        Self { limits: limits.through_capture(), history: History::default(), poses, captures: Vec::new(), facts: None }
+        let (limits, history, captures) = (limits.through_capture(), History::default(), Vec::new());
+        Self { limits, history, poses, captures, facts: None, display: None }
     }
 
     fn captured(&mut self, at: Stamp, captured: &Captured) {
@@ -65,7 +68,9 @@ impl Machine for Salvage {
             | Input::Confirmed
             | Input::Declined
             | Input::Resumed
-            | Input::Looked(_) => {}
+            | Input::Looked(_)
+            | Input::Watched(Watched::Problem(_)) => {}
+            Input::Watched(Watched::Proof(proof)) => self.display = Some(proof.clone()),
         }
         None
     }
@@ -75,6 +80,6 @@ impl Machine for Salvage {
     }
 
     fn into_outcome(self) -> Outcome {
-        Outcome { end: End::Cut, poses: self.poses, captures: self.captures, facts: self.facts }
+        Outcome { end: End::Cut, poses: self.poses, captures: self.captures, facts: self.facts, display: self.display }
     }
 }

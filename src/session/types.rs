@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::board::View;
+use crate::events::blink::DisplayProof;
 use crate::geometry::{
     Base, Camera, Tcp, Transform,
     kinematics::{Dh, Joints},
@@ -165,6 +166,18 @@ pub enum Input {
     Resumed,
     /// Both cameras were looked through; only without a robot.
     Looked(Look),
+    /// The display was watched for a while.
+    Watched(Watched),
+}
+
+/// What the event camera saw of the display.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Watched {
+    /// It blinks as it should.
+    Proof(DisplayProof),
+    /// It does not, or nothing was delivered; in words.
+    Problem(String),
 }
 
 /// What the cameras saw at one moment.
@@ -282,6 +295,8 @@ pub enum Command {
         /// Why, in words.
         why: String,
     },
+    /// Watch the display with the event camera for a while.
+    Watch,
     /// Tell the operator what to do next; only without a robot.
     Guide {
         /// What to do, in words.

@@ -88,6 +88,14 @@ impl Whereabouts {
         }
     }
 
+    /// From when on it is known, s.
+    fn oldest_s(&self) -> f64 {
+        match self {
+            Self::Arm(truth) => truth.oldest_s().unwrap_or(0.0),
+            Self::Hand(_) => 0.0,
+        }
+    }
+
     /// When a digital output went on, after a simulated time, s.
     fn rises(&self, output: u8, after_s: f64) -> Vec<f64> {
         match self {
@@ -307,21 +315,18 @@ impl EventCamera for SimEventCamera {
 
     fn begin(&mut self) -> Result<(), CameraError> {
         self.begun_s = self.rig.clock.seconds();
-        if let Some(pulses) = self.alone {
-            let burst = self.rig.next_free(pulses);
-            self.rig.set_burst(&burst);
-        }
+        // The frame camera begins after us, if it does.
+        let burst = self.alone.map(|pulses| self.rig.next_free(pulses)).unwrap_or_default();
+        self.rig.set_burst(&burst);
         Ok(())
     }
 
     fn end(&mut self) -> Result<Vec<RawEvents>, CameraError> {
         let burst = self.rig.burst();
         let failed = |why: String| CameraError::Failed { camera: Camera::Event, why };
-        let (Some(first), Some(closing_s)) = (burst.first(), self.rig.closing_s(&burst)) else {
-            return Err(failed("no exposure has been triggered".into()));
-        };
-        // Before its capture the camera runs already; before the session nothing is known.
-        let (from_s, to_s) = ((self.begun_s - PRE_ROLL_S).min(first.start_s - MARGIN_S).max(0.0), closing_s + MARGIN_S);
+        // It runs before a capture already; before the session nothing is known.
+        let from_s = (self.begun_s - PRE_ROLL_S).max(self.rig.truth.oldest_s());
+        let to_s = self.rig.closing_s(&burst).map_or(self.rig.clock.seconds(), |closing_s| closing_s + MARGIN_S);
         let base_from_flange = self.rig.flange_at(0.5 * (from_s + to_s), Camera::Event)?;
         let pose = self.rig.placement.event_from_target(base_from_flange);
         let mut events = self.rig.scene.events(&pose, from_s, to_s);

@@ -8,6 +8,7 @@ use super::super::document::{Block, Section};
 use super::super::numbers::{count, fixed, mm};
 use super::{fact, why};
 use crate::calibration::result::{CalibrationResult, PoseResult, Provenance, Timing};
+use crate::events::blink::DisplayProof;
 
 /// Clocks and stillness.
 pub(super) fn timing(result: &CalibrationResult) -> Section {
@@ -22,8 +23,24 @@ pub(super) fn timing(result: &CalibrationResult) -> Section {
     if !notes.is_empty() {
         blocks.push(Block::List(notes));
     }
-    blocks.push(Block::Facts(vec![fact("stillness", stillness(&result.poses))]));
+    let display = result.display.as_ref().map(|proof| fact("display", display(proof)));
+    let facts = display.into_iter().chain([fact("stillness", stillness(&result.poses))]);
+    blocks.push(Block::Facts(facts.collect()));
     Section::new("Timing and stillness", blocks)
+}
+
+/// How the display blinked, in a line.
+fn display(proof: &DisplayProof) -> String {
+    let DisplayProof { cycle_hz, cycle_hz_sigma, dark_share, cycles, late_refreshes, early_refreshes, jitter_us, .. } =
+        proof;
+    format!(
+        "{} Hz (sigma {}) over {cycles} cycles, black cells dark for {} % of a cycle, transitions within {} us (rms), \
+         {late_refreshes} refreshes late, {early_refreshes} early",
+        fixed(*cycle_hz, 4),
+        fixed(*cycle_hz_sigma, 4),
+        fixed(100.0 * dark_share, 1),
+        fixed(*jitter_us, 0),
+    )
 }
 
 fn clocks(timing: &Timing) -> Vec<(String, String)> {

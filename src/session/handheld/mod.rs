@@ -230,7 +230,8 @@ impl Machine for Handheld {
             | Input::RobotLost { .. }
             | Input::Confirmed
             | Input::Declined
-            | Input::Resumed => None,
+            | Input::Resumed
+            | Input::Watched(_) => None,
         }
     }
 
@@ -243,6 +244,6 @@ impl Machine for Handheld {
             State::Done(end) => end,
             State::Watching { .. } | State::Capturing { .. } | State::Confirming { .. } => End::Cut,
         };
-        Outcome { end, poses: self.poses, captures: self.captures, facts: None }
+        Outcome { end, poses: self.poses, captures: self.captures, facts: None, display: None }
     }
 }

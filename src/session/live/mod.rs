@@ -2,6 +2,7 @@
 //! check again; at the end home. A session that ended early may be resumed.
 
 mod arrival;
+mod options;
 mod position;
 #[cfg(test)]
 mod tests;
@@ -11,10 +12,12 @@ use std::collections::VecDeque;
 use super::preflight::{self, Expected, Finding};
 use super::route::{Leg, Node, Route};
 use super::stillness::History;
-use super::types::{Captured, Command, ExecutorState, Input, RobotFacts, RobotSample, Stamp};
+use super::types::{Captured, Command, ExecutorState, Input, RobotFacts, RobotSample, Stamp, Watched};
 use super::{End, Machine, Outcome, PoseRecord};
 use crate::config::Stillness as Limits;
+use crate::events::blink::DisplayProof;
 use arrival::has_arrived;
+pub use options::{Options, Watch};
 use position::Position;
 
 /// A capture that the arm disturbed is repeated at most this often.
@@ -25,21 +28,6 @@ const PREFLIGHT_SAMPLES: usize = 25;
 const KEEP_S: f64 = 30.0;
 /// The program that moves the arm must say that it is there within this time, s.
 const START_WITHIN_S: f64 = 5.0;
-/// How a session is run, besides what the cell says.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Options {
-    /// Whether the operator confirms every move.
-    pub confirm_each: bool,
-    /// Longest time that a move may take beyond its own, s.
-    pub patience_s: f64,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self { confirm_each: false, patience_s: 5.0 }
-    }
-}
-
 /// Walks one trajectory. Feed it inputs; do what it says.
 #[derive(Debug)]
 pub struct Live {
@@ -53,6 +41,8 @@ pub struct Live {
     poses: Vec<PoseRecord>,
     captures: Vec<Captured>,
     facts: Option<RobotFacts>,
+    /// How the display blinked; absent until it was watched in this part of the session.
+    display: Option<DisplayProof>,
     /// Findings about what has changed since the session began.
     changed: Vec<Finding>,
     position: Position,
@@ -75,6 +65,8 @@ enum State {
     },
     /// The operator is asked; then pre-flight goes on, or this leg.
     Asking(Option<Box<Leg>>),
+    /// The display is watched: before anything moves, or at the first pose.
+    Watching(Option<Moving>),
     Starting {
         since: Stamp,
     },
@@ -115,6 +107,7 @@ impl Live {
             poses,
             captures: Vec::new(),
             facts: None,
+            display: None,
             changed: Vec::new(),
             position,
             legs: VecDeque::new(),
@@ -136,9 +129,9 @@ impl Live {
         match self.state {
             State::Preflight { seen } => self.preflight(at, seen, sample),
             // Nothing of ours runs yet; pre-flight looks again after the answer.
-            State::Asking(None) => None,
+            State::Asking(None) | State::Watching(None) => None,
             State::Starting { since } => self.starting(at, since, sample),
-            State::Moving(_) | State::Capturing { .. } | State::Asking(Some(_)) => {
+            State::Moving(_) | State::Capturing { .. } | State::Asking(Some(_)) | State::Watching(Some(_)) => {
                 let fine = preflight::may_move(sample, &self.expected).and_then(|()| preflight::is_playing(sample));
                 match fine {
                     Err(finding) => Some(self.stop(finding.message)),
@@ -168,8 +161,28 @@ impl Live {
         if !found.is_empty() {
             return Some(self.refuse(found));
         }
+        if self.options.watch == Watch::AtStart && self.display.is_none() {
+            self.state = State::Watching(None);
+            return Some(Command::Watch);
+        }
         self.state = State::Starting { since: at };
         Some(Command::Start)
+    }
+
+    /// The display blinks: go on where it was watched. It does not: no capture is worth a move.
+    fn watched(&mut self, watched: &Watched) -> Option<Command> {
+        let State::Watching(moving) = &mut self.state else { return None };
+        let moving = moving.take();
+        match (watched, moving) {
+            (Watched::Proof(proof), moving) => {
+                self.display = Some(proof.clone());
+                let again = |m: Moving| State::Moving(Moving { since: None, arrived: None, ..m });
+                self.state = moving.map_or(State::Preflight { seen: 0 }, again);
+                None
+            }
+            (Watched::Problem(why), None) => Some(self.refuse(vec![Finding::new("display", why.clone())])),
+            (Watched::Problem(why), Some(_)) => Some(self.stop(format!("display: {why}"))),
+        }
     }
 
     fn ask_to_approach(&mut self, sample: &RobotSample) -> Command {
@@ -294,6 +307,10 @@ impl Live {
         let (leg, attempt) = (leg.clone(), *attempt);
         self.position.reaches(leg.to, sample.joints_rad);
         match leg.to {
+            Node::Pose(_) if leg.capture && self.options.watch != Watch::Never && self.display.is_none() => {
+                self.state = State::Watching(Some(Moving { leg, since: None, arrived: None, attempt, slowest: 1.0 }));
+                Command::Watch
+            }
             Node::Pose(pose) if leg.capture => {
                 self.state = State::Capturing { pose, attempt, decided: at };
                 Command::Capture { pose, attempt }
@@ -416,6 +433,7 @@ impl Live {
         self.legs.clear();
         self.given_up.clear();
         (self.confirmed, self.resumed, self.moved) = (false, true, false);
+        self.display = None;
     }
 
     fn connected(&mut self, facts: &RobotFacts) {
@@ -451,6 +469,7 @@ impl Machine for Live {
                 State::Preflight { .. }
                 | State::Asking(_)
                 | State::Starting { .. }
+                | State::Watching(_)
                 | State::Moving(_)
                 | State::Capturing { .. }
                 | State::Done(_) => None,
@@ -459,6 +478,7 @@ impl Machine for Live {
             Input::Interrupted => Some(self.interrupted()),
             Input::Confirmed => self.answered(true),
             Input::Declined => self.answered(false),
+            Input::Watched(watched) => self.watched(watched),
             Input::Resumed | Input::Looked(_) => None,
         }
     }
@@ -472,10 +492,11 @@ impl Machine for Live {
             State::Done(end) => end,
             State::Preflight { .. }
             | State::Asking(_)
+            | State::Watching(_)
             | State::Starting { .. }
             | State::Moving(_)
             | State::Capturing { .. } => End::Cut,
         };
-        Outcome { end, poses: self.poses, captures: self.captures, facts: self.facts }
+        Outcome { end, poses: self.poses, captures: self.captures, facts: self.facts, display: self.display }
     }
 }

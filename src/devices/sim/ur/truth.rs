@@ -92,6 +92,11 @@ impl Truth {
         risen.map(|(_, (at_s, _))| *at_s).collect()
     }
 
+    /// Oldest simulated time that is known, s.
+    pub fn oldest_s(&self) -> Option<f64> {
+        self.lock().front().map(|(at_s, _)| *at_s)
+    }
+
     /// Newest simulated time that is known, s.
     pub fn newest_s(&self) -> Option<f64> {
         self.lock().back().map(|(at_s, _)| *at_s)
