@@ -109,10 +109,11 @@ fn without_outliers(board: &Board, view: &View) -> Result<View, CvError> {
     let (object, image) = mat::points(board, view);
     let plane: Vector<Point2f> = object.iter().map(|p| Point2f::new(p.x, p.y)).collect();
     let homography = calib3d::find_homography(&plane, &image, &mut Mat::default(), calib3d::LMEDS, OUTLIER_PX)?;
-    let h = mat::values(&homography)?;
-    if h.len() != 9 {
+    // Where no plane explains the corners the answer is empty, and of no type.
+    if homography.rows() != 3 || homography.cols() != 3 {
         return Ok(View::default());
     }
+    let h = mat::values(&homography)?;
     let limit_px = OUTLIER_PX.max(OUTLIER_SQUARES * square_px(board, view));
     let near = |(corner, p): (&Corner, Point2f)| {
         let (x, y) = (f64::from(p.x), f64::from(p.y));
@@ -178,6 +179,12 @@ mod tests {
             let error = (corner.px[0] - truth[0]).hypot(corner.px[1] - truth[1]);
             assert!(error < 0.05, "corner {} is {error} px off", corner.id);
         }
+    }
+
+    #[test]
+    fn corners_that_no_plane_explains_are_none() {
+        let in_a_heap = (0..8).map(|id| Corner { id: id * 3, px: [100.0, 100.0] }).collect();
+        assert!(without_outliers(&board(), &View::new(in_a_heap)).unwrap().corners.is_empty());
     }
 
     #[test]

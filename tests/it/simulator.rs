@@ -9,10 +9,11 @@ use std::path::Path;
 use cellcal::board::View;
 use cellcal::calibration::settings::PoseKind;
 use cellcal::config::{parse_cell, parse_trajectory};
-use cellcal::cv::solve;
+use cellcal::cv::{charuco, solve};
 use cellcal::devices::sim::cell::SimCell;
+use cellcal::devices::sim::scene::{DisplaySpec, EventSpec, Optics, Scene, SceneSpec};
 use cellcal::events::LastPolarity;
-use cellcal::geometry::{Base, Event, Flange, Pinhole, Rgb, Transform};
+use cellcal::geometry::{Base, Event, Flange, Pinhole, Rgb, Target, Transform, rotation};
 use cellcal::plan;
 use cellcal::vision;
 use rayon::prelude::*;
@@ -75,4 +76,56 @@ fn the_simulator_is_as_bad_as_real_cameras() {
     assert!((0.08..=0.20).contains(&frame_px), "frame camera: rms {frame_px} px");
     assert!((0.35..=0.60).contains(&event_px), "event camera: rms {event_px} px");
     assert!((0.4..=0.7).contains(&corner_px), "event corners: {corner_px} px from the truth");
+}
+
+const SEEDS: u64 = 2;
+
+/// Share of the corners that the event camera finds at 0.33 m, of two displays with squares of 12 mm.
+fn corner_rate(display: &DisplaySpec, axis: [f64; 2], tilt_deg: f64) -> f64 {
+    let mut board = parse_cell(&read("cells/sim.yaml"), "cells/sim.yaml").unwrap().board;
+    (board.square_m, board.marker_m) = (0.012, 0.0096);
+    let found = |seed: u64| {
+        let scene = Scene::new(SceneSpec {
+            board: board.clone(),
+            pattern: charuco::draw(&board, 48).unwrap(),
+            alpha: 0.6,
+            cycle_hz: 15.0,
+            display: display.clone(),
+            rgb: None,
+            event: Some((Optics::nominal(1280, 720, 2469.0, 0.85).drawn(seed), EventSpec::default())),
+            seed,
+        })
+        .unwrap();
+        let [x, y, _] = board.centre().xyz_m();
+        let centre = Transform::<Target, Target>::from_parts([-x, -y, 0.0], rotation::from_vector([0.0; 3]));
+        let turn = rotation::from_vector([axis[0] * tilt_deg.to_radians(), axis[1] * tilt_deg.to_radians(), 0.0]);
+        let event_from_target = Transform::<Event, Target>::from_parts([0.0, 0.0, 0.33], turn) * centre;
+        let mut fired = LastPolarity::new(1280, 720);
+        fired.add_all(&scene.events(&event_from_target, 1.0, 1.1));
+        vision::event_view(&board, &fired.image()).map_or(0, |v| v.corners.len()) as f64 / 24.0
+    };
+    (1..=SEEDS).into_par_iter().map(found).sum::<f64>() / SEEDS as f64
+}
+
+#[test]
+fn a_panel_with_steep_leakage_loses_corners_at_the_published_angles() {
+    let panel = DisplaySpec { leak_horizontal: 0.8, leak_power: 4.0, leak_diagonal: 16.0, ..DisplaySpec::default() };
+    let (vertical, horizontal, diagonal) = ([1.0, 0.0], [0.0, 1.0], [0.5_f64.sqrt(); 2]);
+    // Published: vertical 100 at 60 deg; horizontal 100, 56.7, 14.1 and diagonal 89.2, 48.3, 0 at 50, 55, 60 deg.
+    let published = [
+        (vertical, 60.0, 0.95..=1.0),
+        (horizontal, 50.0, 0.9..=1.0),
+        (horizontal, 55.0, 0.4..=0.9),
+        (horizontal, 60.0, 0.0..=0.35),
+        (diagonal, 50.0, 0.8..=1.0),
+        (diagonal, 55.0, 0.3..=0.75),
+        (diagonal, 60.0, 0.0..=0.2),
+    ];
+    for (axis, tilt_deg, allowed) in published {
+        let rate = corner_rate(&panel, axis, tilt_deg);
+        assert!(allowed.contains(&rate), "{rate} at {tilt_deg} deg about {axis:?}, not in {allowed:?}");
+    }
+    let at = |percent: f64| DisplaySpec { brightness_percent: Some(percent), ..DisplaySpec::default() };
+    let rates = [0.0, 20.0, 100.0].map(|percent| corner_rate(&at(percent), vertical, 17.0));
+    assert!(rates[0] < 0.95 && rates[1] > 0.97 && rates[2] > 0.99, "{rates:?} at 0, 20 and 100 % brightness");
 }

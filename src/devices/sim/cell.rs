@@ -165,7 +165,7 @@ pub(super) fn whole_rig(
         pattern: charuco::draw(&cell.board, PX_PER_SQUARE)?,
         alpha: cell.display.alpha,
         cycle_hz: cell.display.cycle_hz,
-        display: parsed::<DisplaySpec>("display", section(|s| s.display.clone()))?,
+        display: display_spec(section(|s| s.display.clone()))?,
         rgb: both(optics[0].clone(), parsed::<FrameSpec>("frame", section(|s| s.frame.clone()))?),
         event: both(optics[1].clone(), parsed::<EventSpec>("events", section(|s| s.events.clone()))?),
         seed,
@@ -183,6 +183,19 @@ pub(super) fn whole_rig(
 fn parsed<T: DeserializeOwned + Default>(section: &'static str, values: Option<Section>) -> Result<T, SimError> {
     let Some(values) = values else { return Ok(T::default()) };
     serde_json::from_value(values.into()).map_err(|e| SimError::Section { section, why: e.to_string() })
+}
+
+/// The display; its luminance is given once, as a brightness setting or as such.
+fn display_spec(values: Option<Section>) -> Result<DisplaySpec, SimError> {
+    let given = |key: &str| values.as_ref().is_some_and(|values| values.contains_key(key));
+    let twice = ["white_cd_m2", "black_cd_m2"].into_iter().find(|key| given(key) && given("brightness_percent"));
+    match twice {
+        None => parsed("display", values),
+        Some(key) => {
+            let why = format!("{key} is given beside brightness_percent, which sets it; leave one of them out");
+            Err(SimError::Section { section: "display", why })
+        }
+    }
 }
 
 fn both<A, B>(a: Option<A>, b: B) -> Option<(A, B)> {
@@ -304,5 +317,26 @@ impl Draw {
         let (translation, turn) = (cube(half_m), cube(half_deg.to_radians()));
         let rotation: UnitQuaternion<f64> = rotation::from_vector(turn);
         Transform::from_parts(translation, rotation)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn display(json: &str) -> Result<DisplaySpec, SimError> {
+        display_spec(Some(serde_json::from_str(json).unwrap()))
+    }
+
+    #[test]
+    fn the_luminance_of_the_display_is_given_once() {
+        assert_eq!(display(r#"{"brightness_percent": 40}"#).unwrap().brightness_percent, Some(40.0));
+        assert_eq!(display(r#"{"white_cd_m2": 200}"#).unwrap().white_cd_m2, 200.0);
+        let error = display(r#"{"brightness_percent": 40, "black_cd_m2": 0.2}"#).unwrap_err();
+        assert!(error.to_string().starts_with("sim.display: black_cd_m2 is given beside brightness_percent"));
+        let nested = r#"{"spotlight": {"cd_m2": 90, "centre_m": [0.03, 0.02], "radius_m": 0.01},
+            "occluders": [{"corners_m": [[0, 0], [0.02, 0], [0.02, 0.05]], "height_m": 0.01}]}"#;
+        let nested = display(nested).unwrap();
+        assert!(nested.spotlight.is_some() && nested.occluders[0].cd_m2 == 1.0);
     }
 }

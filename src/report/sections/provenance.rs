@@ -31,8 +31,9 @@ pub(super) fn timing(result: &CalibrationResult) -> Section {
 
 /// How the display blinked, in a line.
 fn display(proof: &DisplayProof) -> String {
-    let DisplayProof { cycle_hz, cycle_hz_sigma, dark_share, cycles, late_refreshes, early_refreshes, jitter_us, .. } =
-        proof;
+    let DisplayProof {
+        cycle_hz, cycle_hz_sigma, dark_share, cycles, late_refreshes, early_refreshes, jitter_us, ..
+    } = proof;
     format!(
         "{} Hz (sigma {}) over {cycles} cycles, black cells dark for {} % of a cycle, transitions within {} us (rms), \
          {late_refreshes} refreshes late, {early_refreshes} early",

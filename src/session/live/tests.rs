@@ -1,5 +1,7 @@
 //! Sessions against an arm that moves for 0.5 s and a camera that needs 0.2 s.
 
+mod watch;
+
 use super::super::route::{Stop, Ways};
 use super::super::stillness::tests::{limits, still_sample};
 use super::super::types::{Exposure, MoveTarget};
@@ -71,6 +73,7 @@ struct Bench {
     playing: bool,
     due: Option<(f64, Captured)>,
     answers: Vec<Input>,
+    display: Watched,
     commands: Vec<(f64, Command)>,
 }
 
@@ -85,6 +88,7 @@ impl Bench {
             playing: false,
             due: None,
             answers: Vec::new(),
+            display: Watched::Problem("nothing blinks".into()),
             commands: Vec::new(),
         }
     }
@@ -129,7 +133,8 @@ impl Bench {
             Command::Stop { .. } => {
                 (self.goal, self.moving_until, self.playing) = (self.joints, 0.0, false);
             }
-            Command::Confirm { .. } | Command::Wait { .. } => {}
+            Command::Watch => self.answers.push(Input::Watched(self.display.clone())),
+            Command::Confirm { .. } | Command::Wait { .. } | Command::Guide { .. } => {}
         }
     }
 

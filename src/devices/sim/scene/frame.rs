@@ -5,6 +5,7 @@ use rand_distr::StandardNormal;
 use rayon::prelude::*;
 
 use super::SceneError;
+use super::backlight::Backlight;
 use super::blink::Blink;
 use super::noise::{Stream, rng};
 use super::optics::{Lens, Optics};
@@ -38,14 +39,26 @@ impl FrameCamera {
     }
 
     /// One exposure of what was rendered.
-    pub(super) fn expose(&self, seen: &Rendered, blink: &Blink, start_s: f64, exposure_s: f64) -> GrayImage {
+    pub(super) fn expose(
+        &self,
+        seen: &Rendered,
+        blink: &Blink,
+        backlight: Option<&Backlight>,
+        start_s: f64,
+        exposure_s: f64,
+    ) -> GrayImage {
         let (width, height) = (self.lens.optics.width, self.lens.optics.height);
+        let backlit = backlight.map(|backlight| backlight.mean(start_s, exposure_s) as f32);
         let rows = RowBlends::new(blink, start_s, exposure_s);
         let mut image = GrayImage::filled(width, height, 0);
         image.pixels.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
             let mut rng = rng(self.seed, Stream::Exposure, start_s.to_bits(), y as u64);
             for (x, pixel) in row.iter_mut().enumerate() {
-                let light = seen.blended(x, y, |scan| rows.at(scan), rows.mean);
+                let mut light = seen.blended(x, y, |scan| rows.at(scan), rows.mean);
+                if let Some(backlit) = backlit {
+                    let steady = seen.steady(x, y);
+                    light = steady + backlit * (light - steady);
+                }
                 let signal = light * self.dn_per_cd_m2 * self.gains[y * width + x];
                 *pixel = self.read_out(signal, rng.sample(StandardNormal));
             }

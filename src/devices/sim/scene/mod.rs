@@ -3,30 +3,38 @@
 //! Pure computation: no files, no clocks; the same seed gives the same light, noise and events on any number
 //! of threads and in any order of calls. Uses `geometry`, `board`, `image` and `events`. Start at [`Scene`].
 //!
-//! Left out on purpose: backlight modulation, colour, the structure of display pixels, motion during a capture.
+//! Left out on purpose: colour, the structure of display pixels, motion during a capture.
 
+mod backlight;
 mod blink;
 mod blur;
+mod flicker;
 mod frame;
 mod noise;
+mod occlusion;
 mod optics;
+mod overlay;
 mod panel;
 mod pixels;
 mod render;
 mod spec;
 #[cfg(test)]
+mod statistics;
+#[cfg(test)]
 mod tests;
 mod texture;
 
 pub use optics::Optics;
+pub use overlay::{Occluder, Spotlight};
 pub use spec::{DisplaySpec, EventSpec, FrameSpec};
 
+use self::backlight::Backlight;
 use self::blink::Blink;
 use self::frame::FrameCamera;
 use self::optics::Lens;
 use self::panel::Panel;
 use self::pixels::EventSensor;
-use self::render::Rendered;
+use self::render::{Rendered, Renders};
 use self::spec::in_range;
 use self::texture::Texture;
 use crate::board::{Board, BoardError};
@@ -111,8 +119,11 @@ pub enum State {
 pub struct Scene {
     panel: Panel,
     blink: Blink,
+    backlight: Option<Backlight>,
     rgb: Option<FrameCamera>,
     event: Option<EventSensor>,
+    /// What each camera saw last: a camera that stands still is rendered once.
+    renders: [Renders; 2],
 }
 
 impl Scene {
@@ -124,9 +135,12 @@ impl Scene {
         in_range("cycle_hz", spec.cycle_hz, 0.1, 120.0)?;
         spec.display.check()?;
         let SceneSpec { board, pattern, alpha, cycle_hz, display, rgb, event, seed } = spec;
+        let display = display.at_its_brightness();
         let white_cd_m2 = display.white_cd_m2 + display.ambient_cd_m2;
         Ok(Self {
             blink: Blink::new(&display, cycle_hz, seed),
+            backlight: Backlight::new(&display),
+            renders: Default::default(),
             rgb: rgb.map(|(optics, spec)| FrameCamera::new(optics, spec, white_cd_m2, seed)).transpose()?,
             event: event.map(|(optics, spec)| EventSensor::new(optics, spec, seed)).transpose()?,
             panel: Panel::new(&board, Texture::new(&pattern, alpha, display.gamma), display, seed),
@@ -135,10 +149,11 @@ impl Scene {
 
     /// The image of an exposure that begins at `start_s`; an image without pixels where there is no frame camera.
     ///
-    /// The noise follows from the seed and `start_s`.
+    /// The noise follows from the seed and `start_s`. A pose that is the same as in the last call costs less than half.
     pub fn expose(&self, rgb_from_target: &Transform<Rgb, Target>, start_s: f64, exposure_s: f64) -> GrayImage {
         let Some(camera) = &self.rgb else { return GrayImage::filled(0, 0, 0) };
-        camera.expose(&Rendered::new(&self.panel, &camera.lens, rgb_from_target), &self.blink, start_s, exposure_s)
+        let seen = self.renders[0].at(&self.panel, &camera.lens, rgb_from_target);
+        camera.expose(&seen, &self.blink, self.backlight.as_ref(), start_s, exposure_s)
     }
 
     /// All events from `from_s` (included) to `to_s` (excluded), by time; none where there is no event camera.
@@ -147,7 +162,8 @@ impl Scene {
     /// window gives. Cost and memory grow with the window: seconds, not hours.
     pub fn events(&self, event_from_target: &Transform<geometry::Event, Target>, from_s: f64, to_s: f64) -> Vec<Event> {
         let Some(sensor) = &self.event else { return Vec::new() };
-        sensor.events(&Rendered::new(&self.panel, &sensor.lens, event_from_target), &self.blink, from_s, to_s)
+        let seen = self.renders[1].at(&self.panel, &sensor.lens, event_from_target);
+        sensor.events(&seen, &self.blink, self.backlight.as_ref(), from_s, to_s)
     }
 
     /// The frame camera's image of one state of the display, free of noise; for tests and pictures.

@@ -26,6 +26,10 @@ pub(super) enum Stream {
     HotPixels,
     /// What the hot pixels fire.
     HotEvents,
+    /// Refreshes that the display shows twice.
+    Drops,
+    /// Delays of what flicker of the backlight fires.
+    Flicker,
 }
 
 /// The generator of one stream, numbered by two indices such as transition and row.

@@ -4,6 +4,7 @@ use nalgebra::{Vector2, Vector3};
 use rand::Rng as _;
 
 use super::noise::{Stream, rng};
+use super::overlay::Reflection;
 use super::spec::DisplaySpec;
 use super::texture::Texture;
 use crate::board::Board;
@@ -25,12 +26,19 @@ pub(super) struct Panel {
 pub(super) struct Emission {
     base: f32,
     span: f32,
+    /// The part of `base` that does not come from the backlight.
+    pub(super) steady: f32,
 }
 
 impl Emission {
     /// Luminance of a share of white, cd/m2.
     pub(super) fn luminance(self, share: f32) -> f32 {
         self.base + self.span * share
+    }
+
+    /// With light of another source reflected.
+    fn reflecting(self, cd_m2: f32) -> Self {
+        Self { base: self.base + cd_m2, steady: self.steady + cd_m2, ..self }
     }
 }
 
@@ -57,17 +65,22 @@ impl Panel {
     fn emission(&self, to_camera: &Vector3<f64>) -> Emission {
         let s = &self.spec;
         let (h2, v2, facing) = (to_camera.x.powi(2), to_camera.y.powi(2), (-to_camera.z).max(0.0));
-        let leak = s.leak_horizontal * h2 * h2 + s.leak_vertical * v2 * v2 + s.leak_diagonal * h2 * v2;
-        let white = s.white_cd_m2 * facing.powf(s.off_axis_dimming);
-        let black = (s.black_cd_m2 + leak * white).min(white);
-        Emission { base: (black + s.ambient_cd_m2) as f32, span: (white - black) as f32 }
+        let steep = |square: f64| square.powf(s.leak_power);
+        let diagonal = (h2 * v2).powf(0.5 * s.leak_power);
+        let leak = s.leak_horizontal * steep(h2) + s.leak_vertical * steep(v2) + s.leak_diagonal * diagonal;
+        let lit = if s.off { 0.0 } else { 1.0 };
+        let white = lit * s.white_cd_m2 * facing.powf(s.off_axis_dimming);
+        let black = (lit * s.black_cd_m2 + leak * white).min(white);
+        let steady = s.ambient_cd_m2 as f32;
+        Emission { base: (black + s.ambient_cd_m2) as f32, span: (white - black) as f32, steady }
     }
 
     /// The light towards a camera, for every point of the board.
     pub(super) fn emission_towards(&self, camera_in_target: Vector3<f64>) -> EmissionField {
         let [w, h] = self.size_m;
         let at = |x: f64, y: f64| self.emission(&(camera_in_target - Vector3::new(x, y, 0.0)).normalize());
-        EmissionField { corners: [at(0.0, 0.0), at(w, 0.0), at(0.0, h), at(w, h)], size_m: self.size_m }
+        let reflection = self.spec.spotlight.as_ref().map(|spot| spot.seen_from(&camera_in_target));
+        EmissionField { corners: [at(0.0, 0.0), at(w, 0.0), at(0.0, h), at(w, h)], size_m: self.size_m, reflection }
     }
 }
 
@@ -76,6 +89,7 @@ impl Panel {
 pub(super) struct EmissionField {
     corners: [Emission; 4],
     size_m: [f64; 2],
+    reflection: Option<Reflection>,
 }
 
 impl EmissionField {
@@ -87,7 +101,13 @@ impl EmissionField {
             let (top, bottom) = (a + u * (b - a), c + u * (d - c));
             (top + v * (bottom - top)).max(0.0)
         };
-        Emission { base: mix(a.base, b.base, c.base, d.base), span: mix(a.span, b.span, c.span, d.span) }
+        let (base, span) = (mix(a.base, b.base, c.base, d.base), mix(a.span, b.span, c.span, d.span));
+        Emission { base, span, steady: a.steady }.reflecting(self.reflected(point_m))
+    }
+
+    /// What the lamp adds at a point of the display, cd/m2.
+    pub(super) fn reflected(&self, point_m: Vector2<f64>) -> f32 {
+        self.reflection.as_ref().map_or(0.0, |reflection| reflection.at(point_m))
     }
 }
 

@@ -5,7 +5,9 @@ use rand_distr::{Distribution as _, Poisson, StandardNormal};
 use rayon::prelude::*;
 
 use super::SceneError;
+use super::backlight::Backlight;
 use super::blink::{Blink, Transition};
+use super::flicker::Flicker;
 use super::noise::{Stream, rng};
 use super::optics::{Lens, Optics};
 use super::render::Rendered;
@@ -15,28 +17,28 @@ use crate::events::Event;
 /// Noise is drawn for slots of this length, so that windows that meet have the same events as one window.
 const NOISE_SLOT_US: i64 = 10_000;
 /// Delays beyond this many standard deviations do not happen.
-const JITTER_LIMIT: f64 = 6.0;
+pub(super) const JITTER_LIMIT: f64 = 6.0;
 
 /// The event camera.
 #[derive(Debug)]
 pub(super) struct EventSensor {
     pub(super) lens: Lens,
-    spec: EventSpec,
+    pub(super) spec: EventSpec,
     /// Thresholds of each pixel on the step of log luminance before the high-pass: darker, brighter.
     step_thresholds: Vec<[f32; 2]>,
-    hot_pixels: Vec<[u16; 2]>,
-    seed: u64,
+    pub(super) hot_pixels: Vec<[u16; 2]>,
+    pub(super) seed: u64,
 }
 
 /// Microseconds from the first (included) to the last (excluded).
 #[derive(Debug, Clone, Copy)]
-struct Window {
+pub(super) struct Window {
     from_us: i64,
     to_us: i64,
 }
 
 impl Window {
-    fn has(self, t_us: i64) -> bool {
+    pub(super) fn has(self, t_us: i64) -> bool {
         (self.from_us..self.to_us).contains(&t_us)
     }
 }
@@ -59,15 +61,32 @@ impl EventSensor {
         Ok(Self { lens, spec, step_thresholds, hot_pixels, seed })
     }
 
+    /// Thresholds of a pixel on the logarithm of luminance, without the high-pass: darker, brighter.
+    pub(super) fn contrast_thresholds(&self, x: usize, y: usize) -> [f64; 2] {
+        let gain = self.spec.high_pass_gain.max(1e-9);
+        self.step_thresholds[y * self.lens.optics.width + x].map(|t| f64::from(t) * gain)
+    }
+
+    /// From the crossing of a threshold to the event, at most, s.
+    pub(super) fn longest_delay_s(&self) -> f64 {
+        self.spec.latency_s + JITTER_LIMIT * self.spec.jitter_s + self.spec.row_readout_s
+    }
+
     /// All events from `from_s` to `to_s` of what was rendered, by time.
-    pub(super) fn events(&self, seen: &Rendered, blink: &Blink, from_s: f64, to_s: f64) -> Vec<Event> {
+    pub(super) fn events(
+        &self,
+        seen: &Rendered,
+        blink: &Blink,
+        backlight: Option<&Backlight>,
+        from_s: f64,
+        to_s: f64,
+    ) -> Vec<Event> {
         let window = Window { from_us: (from_s * 1e6).round() as i64, to_us: (to_s * 1e6).round() as i64 };
         if !(from_s.is_finite() && to_s.is_finite() && window.from_us < window.to_us) {
             return Vec::new();
         }
         let steps = self.steps(seen);
-        let EventSpec { latency_s, jitter_s, row_readout_s, .. } = self.spec;
-        let delay_s = blink.half_s() + latency_s + JITTER_LIMIT * jitter_s + row_readout_s;
+        let delay_s = blink.half_s() + self.longest_delay_s();
         let mut events = Vec::new();
         for transition in blink.transitions(from_s, to_s, delay_s) {
             let row = |y: usize| self.row_events(seen, &steps, blink, transition, y, window);
@@ -78,6 +97,9 @@ impl EventSensor {
             let row = |y: usize| self.background(slot, y, window);
             events.par_extend((0..self.lens.optics.height).into_par_iter().flat_map_iter(row));
             events.extend(self.hot(slot, window));
+        }
+        if let Some(backlight) = backlight {
+            events.extend(Flicker::new(self, seen, blink, backlight).events(blink, from_s, to_s, window));
         }
         events.par_sort_unstable();
         events

@@ -9,8 +9,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::SceneError;
+use super::overlay::{Occluder, Spotlight};
 
 /// The display that shows the board.
+///
+/// Seen from the side the default keeps more contrast than the published display, of which corners are lost from 55
+/// deg on. `leak_horizontal: 0.8, leak_power: 4, leak_diagonal: 16` loses them where that did.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DisplaySpec {
@@ -18,6 +22,10 @@ pub struct DisplaySpec {
     pub white_cd_m2: f64,
     /// Luminance of black, looked at squarely, cd/m2.
     pub black_cd_m2: f64,
+    /// Brightness setting by the published table, 0 to 100; given, it replaces `white_cd_m2` and `black_cd_m2`.
+    ///
+    /// A cell file that gives it beside one of these is refused.
+    pub brightness_percent: Option<f64>,
     /// Exponent from code value to luminance.
     pub gamma: f64,
     /// Time from 10 % to 90 % when a pixel gets brighter, s.
@@ -36,8 +44,11 @@ pub struct DisplaySpec {
     pub leak_horizontal: f64,
     /// Share of white that leaks into black when seen at 90 deg from above or below.
     pub leak_vertical: f64,
-    /// Leakage on the diagonals beyond both: share of white times the squared product of the direction cosines.
+    /// Leakage on the diagonals beyond both: share of white times the product of the direction cosines, to the
+    /// power `leak_power`.
     pub leak_diagonal: f64,
+    /// How steeply the leakage begins: power of the squared direction cosines.
+    pub leak_power: f64,
     /// White margin around the board, in squares.
     pub margin_squares: f64,
     /// Dark bezel around the margin, in squares.
@@ -50,6 +61,28 @@ pub struct DisplaySpec {
     pub glare: f64,
     /// How far the lens spreads it, standard deviation, px.
     pub glare_sigma_px: f64,
+    /// The reflection of a lamp.
+    pub spotlight: Option<Spotlight>,
+    /// Things between the display and the cameras; the first hides the next.
+    pub occluders: Vec<Occluder>,
+    /// Frequency of the backlight's pulse-width modulation, Hz; 0: steady.
+    pub pwm_hz: f64,
+    /// Share of a period that the backlight is on.
+    pub pwm_duty: f64,
+    /// Share of the light that is switched.
+    pub pwm_depth: f64,
+    /// The rate at which the display really blinks, Hz, where it is not the declared one.
+    pub actual_cycle_hz: Option<f64>,
+    /// Refresh rate, Hz; matters where refreshes are dropped.
+    pub refresh_hz: f64,
+    /// Probability that a refresh is shown twice: its state lasts longer and all that follows comes later.
+    ///
+    /// During the first six hours of simulated time.
+    pub dropped_refreshes: f64,
+    /// The display shows the pattern and never changes.
+    pub frozen: bool,
+    /// The display is dark.
+    pub off: bool,
 }
 
 impl Default for DisplaySpec {
@@ -57,6 +90,7 @@ impl Default for DisplaySpec {
         Self {
             white_cd_m2: 391.0,
             black_cd_m2: 0.32,
+            brightness_percent: None,
             gamma: 2.2,
             rise_s: 0.004,
             fall_s: 0.003,
@@ -67,12 +101,23 @@ impl Default for DisplaySpec {
             leak_horizontal: 0.15,
             leak_vertical: 0.02,
             leak_diagonal: 1.0,
+            leak_power: 2.0,
             margin_squares: 0.5,
             bezel_squares: 1.0,
             bezel_cd_m2: 1.0,
             background_cd_m2: 5.0,
             glare: 0.02,
             glare_sigma_px: 150.0,
+            spotlight: None,
+            occluders: Vec::new(),
+            pwm_hz: 0.0,
+            pwm_duty: 0.5,
+            pwm_depth: 1.0,
+            actual_cycle_hz: None,
+            refresh_hz: 60.0,
+            dropped_refreshes: 0.0,
+            frozen: false,
+            off: false,
         }
     }
 }
@@ -102,7 +147,16 @@ impl DisplaySpec {
         Self { white_cd_m2, black_cd_m2, ..self }
     }
 
+    /// With the luminance of the brightness setting, where there is one.
+    pub(super) fn at_its_brightness(self) -> Self {
+        match self.brightness_percent {
+            Some(percent) => self.at_brightness(percent),
+            None => self,
+        }
+    }
+
     pub(super) fn check(&self) -> Result<(), SceneError> {
+        self.brightness_percent.map_or(Ok(()), |p| in_range("display.brightness_percent", p, 0.0, 100.0))?;
         in_range("display.white_cd_m2", self.white_cd_m2, 1.0, 1e4)?;
         in_range("display.black_cd_m2", self.black_cd_m2, 0.0, self.white_cd_m2)?;
         in_range("display.gamma", self.gamma, 0.5, 4.0)?;
@@ -114,13 +168,28 @@ impl DisplaySpec {
         in_range("display.off_axis_dimming", self.off_axis_dimming, 0.0, 10.0)?;
         in_range("display.leak_horizontal", self.leak_horizontal, 0.0, 1.0)?;
         in_range("display.leak_vertical", self.leak_vertical, 0.0, 1.0)?;
-        in_range("display.leak_diagonal", self.leak_diagonal, 0.0, 4.0)?;
+        in_range("display.leak_diagonal", self.leak_diagonal, 0.0, 100.0)?;
+        in_range("display.leak_power", self.leak_power, 1.0, 8.0)?;
         in_range("display.margin_squares", self.margin_squares, 0.0, 5.0)?;
         in_range("display.bezel_squares", self.bezel_squares, 0.0, 5.0)?;
         in_range("display.bezel_cd_m2", self.bezel_cd_m2, 0.0, 1e3)?;
         in_range("display.background_cd_m2", self.background_cd_m2, 0.0, 1e4)?;
         in_range("display.glare", self.glare, 0.0, 0.5)?;
-        in_range("display.glare_sigma_px", self.glare_sigma_px, 10.0, 1e4)
+        in_range("display.glare_sigma_px", self.glare_sigma_px, 10.0, 1e4)?;
+        self.spotlight.as_ref().map_or(Ok(()), Spotlight::check)?;
+        self.occluders.iter().try_for_each(Occluder::check)?;
+        self.check_timing()
+    }
+
+    fn check_timing(&self) -> Result<(), SceneError> {
+        if self.pwm_hz != 0.0 {
+            in_range("display.pwm_hz", self.pwm_hz, 20.0, 1e5)?;
+        }
+        in_range("display.pwm_duty", self.pwm_duty, 0.01, 1.0)?;
+        in_range("display.pwm_depth", self.pwm_depth, 0.0, 1.0)?;
+        self.actual_cycle_hz.map_or(Ok(()), |hz| in_range("display.actual_cycle_hz", hz, 0.1, 120.0))?;
+        in_range("display.refresh_hz", self.refresh_hz, 10.0, 1000.0)?;
+        in_range("display.dropped_refreshes", self.dropped_refreshes, 0.0, 0.5)
     }
 }
 
@@ -173,6 +242,10 @@ pub struct EventSpec {
     pub jitter_s: f64,
     /// Longest time that a row waits for the readout, s.
     pub row_readout_s: f64,
+    /// Corner frequency of the pixel's low-pass (bias `fo`), Hz; acts on the backlight's modulation.
+    pub low_pass_hz: f64,
+    /// Most events a second that flicker of the backlight gives; beyond it they are dropped at random.
+    pub flicker_events_per_s: f64,
     /// Events of a pixel without cause, Hz.
     pub background_hz: f64,
     /// Number of hot pixels.
@@ -192,6 +265,8 @@ impl Default for EventSpec {
             latency_s: 150e-6,
             jitter_s: 75e-6,
             row_readout_s: 200e-6,
+            low_pass_hz: 300.0,
+            flicker_events_per_s: 3e7,
             background_hz: 0.3,
             hot_pixels: 40,
             hot_pixel_hz: 100.0,
@@ -209,6 +284,8 @@ impl EventSpec {
         in_range("event.latency_s", self.latency_s, 0.0, 0.01)?;
         in_range("event.jitter_s", self.jitter_s, 0.0, 0.01)?;
         in_range("event.row_readout_s", self.row_readout_s, 0.0, 0.01)?;
+        in_range("event.low_pass_hz", self.low_pass_hz, 1.0, 1e5)?;
+        in_range("event.flicker_events_per_s", self.flicker_events_per_s, 0.0, 2e8)?;
         in_range("event.background_hz", self.background_hz, 0.0, 1e3)?;
         in_range("event.hot_pixels", f64::from(self.hot_pixels), 0.0, 1e5)?;
         in_range("event.hot_pixel_hz", self.hot_pixel_hz, 0.0, 1e5)

@@ -15,12 +15,12 @@ fn checkerboard(px_per_square: usize) -> GrayImage {
     image
 }
 
-fn board() -> Board {
+pub(super) fn board() -> Board {
     Board { squares_x: 7, squares_y: 5, square_m: 0.0088, marker_m: 0.00704, dictionary: "DICT_4X4_50".into() }
 }
 
 /// Cameras of half the paper's resolution: squares are 40 px wide.
-fn spec() -> SceneSpec {
+pub(super) fn spec() -> SceneSpec {
     let optics = Optics { distortion: [-0.2, 0.3, 2e-4, -1e-4, 0.0], ..Optics::nominal(480, 360, 1300.0, 0.9) };
     SceneSpec {
         board: board(),
@@ -35,7 +35,7 @@ fn spec() -> SceneSpec {
 }
 
 /// No noise, no blur, no glare, no bow; a pixel fires when about half of it is black.
-fn plain() -> SceneSpec {
+pub(super) fn plain() -> SceneSpec {
     let mut spec = spec();
     let display = DisplaySpec { bow_m: 0.0, glare: 0.0, ..DisplaySpec::default() };
     let event = EventSpec {
@@ -52,7 +52,7 @@ fn plain() -> SceneSpec {
 }
 
 /// The board's centre near the axis at 0.29 m, turned about its centre.
-fn pose<C>(turn_rad: [f64; 3], shift_m: [f64; 2]) -> Transform<C, Target> {
+pub(super) fn pose<C>(turn_rad: [f64; 3], shift_m: [f64; 2]) -> Transform<C, Target> {
     let [x, y, _] = board().centre().xyz_m();
     let centre = Transform::<Target, Target>::from_parts([-x, -y, 0.0], UnitQuaternion::identity());
     Transform::from_parts([shift_m[0], shift_m[1], 0.29], rotation::from_vector(turn_rad)) * centre
