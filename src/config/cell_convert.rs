@@ -58,8 +58,11 @@ pub(super) fn cell(file: CellFile, findings: &mut Findings<'_>) -> Cell {
 /// An arm needs trajectories; what is moved by hand can have none.
 fn check_robot_or_none(file: &CellFile, findings: &mut Findings<'_>) {
     match (&file.robot, file.trajectories.is_empty()) {
+        (RobotChoice::Arm(_), true) if findings.index.find("trajectories").is_none() => {
+            findings.missing("", "trajectories", "name at least one trajectory file and its purpose");
+        }
         (RobotChoice::Arm(_), true) => {
-            findings.missing("", "trajectories", "name at least one trajectory file and its purpose")
+            findings.add("trajectories", "is empty: name at least one trajectory file and its purpose");
         }
         (RobotChoice::None, false) => findings.add("trajectories", "needs an arm, but this cell has `robot: none`"),
         (RobotChoice::Arm(_), false) | (RobotChoice::None, true) => {}

@@ -25,6 +25,9 @@ const LOOK_S: f64 = 0.1;
 /// Lets a little time pass while the cameras work: a moment of sleep, or of simulated time.
 pub type Rest = Box<dyn FnMut()>;
 
+/// Cameras, their clock, and what lets time pass.
+pub type CameraDevices = (Option<Box<dyn FrameCamera>>, Option<Box<dyn EventCamera>>, Arc<dyn Clock>, Rest);
+
 /// Live cameras as a world.
 pub struct HandheldLive<'a> {
     board: Board,
@@ -42,7 +45,7 @@ pub struct HandheldLive<'a> {
 impl<'a> HandheldLive<'a> {
     /// Drives the cameras and logs to `writer`; `timing`: images of a capture, and from one to the next, s.
     pub fn new(
-        devices: (Option<Box<dyn FrameCamera>>, Option<Box<dyn EventCamera>>, Arc<dyn Clock>, Rest),
+        devices: CameraDevices,
         board: Board,
         writer: Writer,
         timing: (u32, f64),

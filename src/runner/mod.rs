@@ -14,7 +14,7 @@ mod replay;
 pub mod setup;
 pub mod solve;
 
-pub use handheld::{HandheldLive, Rest};
+pub use handheld::{CameraDevices, HandheldLive, Rest};
 pub use live::{Devices, Live, LiveError, Nobody, Operator, Told};
 pub use options::RunOptions;
 pub use past::{Past, PastError};

@@ -463,7 +463,7 @@ fn by_hand_poses(cell: &Cell) -> Vec<(String, PoseKind)> {
 fn by_hand_machine(cell: &Cell) -> MachineSpec {
     let Handheld { poses, motion_px, hold_s } = cell.handheld;
     let sizes = cameras(cell).into_iter().map(|(camera, setup)| (camera, [setup.width, setup.height])).collect();
-    let min_corners = cell.settings.min_corners as usize;
+    let min_corners = cell.settings.min_corners;
     MachineSpec::Handheld { rules: HandheldRules { poses: poses as usize, motion_px, hold_s, min_corners, sizes } }
 }
 

@@ -45,7 +45,7 @@ pub struct DisplayProof {
     pub dark_share: f64,
     /// Cycles that were seen.
     pub cycles: u32,
-    /// A moment at which the black cells get brighter, at the rows of [`DisplayProof::row_delays_us`] zero.
+    /// A moment at which the black cells get brighter, where [`DisplayProof::row_delays`] are zero.
     pub brighter_us: f64,
     /// From there to the moment at which they get darker.
     pub darker_after_us: f64,
@@ -59,10 +59,17 @@ pub struct DisplayProof {
     pub pixels: u32,
     /// First column, first row, last column, last row of 98 % of them.
     pub extent_px: [u16; 4],
-    /// Rows of a band in [`DisplayProof::row_delays_us`].
-    pub band_rows: u16,
-    /// How much later than the others each band of rows changes; 0 where nothing blinks.
-    pub row_delays_us: Vec<f64>,
+    /// How much later than all together each band of rows changes, top to bottom.
+    pub row_delays: Vec<RowDelay>,
+}
+
+/// How much later than all together a band of rows changes: panels write row by row.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RowDelay {
+    /// Mean row of its events, pixels.
+    pub row_px: f64,
+    /// Microseconds, negative where it is earlier.
+    pub delay_us: f64,
 }
 
 /// Why a display is not one that can be calibrated with.
@@ -138,8 +145,8 @@ impl DisplayProof {
         let lost = DisplayProblem::NoRhythm { pixels };
         let seen: Vec<Event> = events.iter().filter(|event| blinking.has(event)).copied().collect();
         let period_us = rhythm::period_us(&seen, 1e6 / refresh_hz).ok_or(lost.clone())?;
-        let (band_rows, delays) = rhythm::row_delays_us(&seen, size[1], period_us);
-        let found = bursts::bursts(&seen, &|y| rhythm::delay_of(&delays, band_rows, y), period_us);
+        let delays = rhythm::row_delays(&seen, size[1], period_us);
+        let found = bursts::bursts(&seen, &|y| rhythm::delay_of(&delays, y), period_us);
         // The first and the last may be cut off.
         let found = found.get(1..found.len().saturating_sub(1)).unwrap_or_default();
         let rhythm = Rhythm::of(found, 1e6 / refresh_hz).ok_or(lost.clone())?;
@@ -165,14 +172,13 @@ impl DisplayProof {
             early_refreshes: rhythm.early,
             pixels: pixels as u32,
             extent_px: blinking.extent(),
-            band_rows,
-            row_delays_us: delays,
+            row_delays: delays,
         })
     }
 
     /// Delay of a row against the others, microseconds.
     pub fn row_delay_us(&self, y: u16) -> f64 {
-        rhythm::delay_of(&self.row_delays_us, self.band_rows, y)
+        rhythm::delay_of(&self.row_delays, y)
     }
 }
 

@@ -1,6 +1,7 @@
 //! The period of the changes, and how much later each band of rows changes.
 
 use super::super::Event;
+use super::RowDelay;
 
 /// Bins of the rate of events, microseconds.
 const BIN_US: f64 = 1000.0;
@@ -62,36 +63,40 @@ fn box_sum(rate: &[f64], width: usize) -> Vec<f64> {
     (0..rate.len()).map(step).collect()
 }
 
-/// Rows of a band and the delay of each band against the mean of all, microseconds, within half a period.
-pub(super) fn row_delays_us(events: &[Event], height: u16, period_us: f64) -> (u16, Vec<f64>) {
+/// How much later than the mean of all each band of rows changes, within half a period; bands without events have
+/// no entry.
+pub(super) fn row_delays(events: &[Event], height: u16, period_us: f64) -> Vec<RowDelay> {
     let bands = usize::from(height.div_ceil(BAND_ROWS));
-    let mut phases = vec![[0.0_f64; 2]; bands];
+    // Sums of cosine, sine, rows and events.
+    let mut sums = vec![[0.0_f64; 4]; bands];
     let first_us = events.first().map_or(0, |event| event.t_us);
     for event in events {
         let angle = std::f64::consts::TAU * (event.t_us - first_us) as f64 / period_us;
-        if let Some(phase) = phases.get_mut(usize::from(event.y / BAND_ROWS)) {
-            *phase = [phase[0] + sign(event) * angle.cos(), phase[1] + sign(event) * angle.sin()];
+        if let Some(sum) = sums.get_mut(usize::from(event.y / BAND_ROWS)) {
+            let [cos, sin, rows, n] = *sum;
+            *sum =
+                [cos + sign(event) * angle.cos(), sin + sign(event) * angle.sin(), rows + f64::from(event.y), n + 1.0];
         }
     }
-    let all = phases.iter().fold([0.0; 2], |a, p| [a[0] + p[0], a[1] + p[1]]);
-    let strongest = phases.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max);
-    let delay = |p: &[f64; 2]| {
+    let all = sums.iter().fold([0.0; 2], |a, p| [a[0] + p[0], a[1] + p[1]]);
+    let strongest = sums.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max);
+    let delay = |[cos, sin, rows, n]: &[f64; 4]| {
         // Too few events say nothing about their rows.
-        if p[0].hypot(p[1]) < 0.01 * strongest {
-            return 0.0;
-        }
-        let (along, across) = (p[0] * all[0] + p[1] * all[1], p[1] * all[0] - p[0] * all[1]);
-        across.atan2(along) / std::f64::consts::TAU * period_us
+        let enough = cos.hypot(*sin) >= 0.01 * strongest && *n > 0.0;
+        let (along, across) = (cos * all[0] + sin * all[1], sin * all[0] - cos * all[1]);
+        let delay_us = across.atan2(along) / std::f64::consts::TAU * period_us;
+        enough.then(|| RowDelay { row_px: rows / n, delay_us })
     };
-    (BAND_ROWS, phases.iter().map(delay).collect())
+    sums.iter().filter_map(delay).collect()
 }
 
-/// Delay of a row: straight between the middles of the bands.
-pub(super) fn delay_of(delays: &[f64], band_rows: u16, y: u16) -> f64 {
-    let at = (f64::from(y) + 0.5) / f64::from(band_rows.max(1)) - 0.5;
-    let below = at.floor().max(0.0) as usize;
-    let of = |i: usize| delays.get(i.min(delays.len().saturating_sub(1))).copied().unwrap_or(0.0);
-    let (a, b) = (of(below), of(below + 1));
-    // A band without events has no delay of its own.
-    if a == 0.0 || b == 0.0 { if a == 0.0 { b } else { a } } else { a + (at - below as f64).clamp(0.0, 1.0) * (b - a) }
+/// Delay of a row, microseconds: straight between the bands, that of the last band beyond it.
+pub(super) fn delay_of(delays: &[RowDelay], y: u16) -> f64 {
+    let row_px = f64::from(y);
+    let next = delays.partition_point(|band| band.row_px <= row_px);
+    match (next.checked_sub(1).and_then(|i| delays.get(i)), delays.get(next)) {
+        (Some(a), Some(b)) => a.delay_us + (row_px - a.row_px) / (b.row_px - a.row_px) * (b.delay_us - a.delay_us),
+        (Some(only), None) | (None, Some(only)) => only.delay_us,
+        (None, None) => 0.0,
+    }
 }

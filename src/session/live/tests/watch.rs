@@ -20,8 +20,7 @@ fn blinks() -> Watched {
         early_refreshes: 0,
         pixels: 30_000,
         extent_px: [0, 0, 100, 100],
-        band_rows: 16,
-        row_delays_us: Vec::new(),
+        row_delays: Vec::new(),
     })
 }
 
