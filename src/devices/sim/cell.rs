@@ -108,7 +108,7 @@ impl SimCell {
         config.start_joints_rad = joints_rad.unwrap_or(config.start_joints_rad);
         let controller = SimController::start(config, seed).map_err(|why| SimError::Controller(why.to_string()))?;
         let (clock, arm) = (controller.clock(), controller.truth());
-        let (mut rig, truth) = whole_rig(cell, seed, Whereabouts::Arm(arm), clock.clone())?;
+        let (mut rig, truth) = whole_rig(cell, seed, Whereabouts::Arm(Box::new(arm)), clock.clone())?;
         // A camera that was opened anew counts its time anew.
         rig.event_offset_s -= 1e-9 * first.0 as f64;
         let rig = Arc::new(rig);

@@ -75,7 +75,7 @@ impl Placement {
 /// Where what is carried truly is.
 pub enum Whereabouts {
     /// On the arm.
-    Arm(Truth),
+    Arm(Box<Truth>),
     /// In the hand of an operator: the flange of [`Placement`].
     Hand(HandPath),
 }
