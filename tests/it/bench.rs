@@ -15,9 +15,9 @@ use cellcal::devices::{CameraError, CameraFacts, Clock, FrameCamera, FrameImage,
 use cellcal::geometry::{Base, Flange, Transform};
 use cellcal::image::GrayImage;
 use cellcal::recording::{About, FORMAT_VERSION, Kind, Writer};
-use cellcal::runner::setup::{CellTexts, Planned as PlannedSession};
+use cellcal::runner::setup::{CellTexts, MachineSpec, Planned as PlannedSession};
 use cellcal::runner::{Devices, Live, Nobody, Told};
-use cellcal::session::{Command, Exposure, Outcome};
+use cellcal::session::{Command, Exposure, Outcome, Watch};
 
 #[path = "rtde_client.rs"]
 pub(crate) mod rtde_client;
@@ -108,7 +108,11 @@ impl Bench {
     }
 
     pub(crate) fn of(texts: CellTexts, adjust: impl FnOnce(&mut SimUrConfig)) -> Self {
-        let planned = texts.plan().unwrap();
+        let mut planned = texts.plan().unwrap();
+        // No event camera is here that could watch the display.
+        if let MachineSpec::Live { options, .. } = &mut planned.setup.machine {
+            options.watch = Watch::Never;
+        }
         let mut config = controller_config(&planned.cell, Flaws::default(), f64::INFINITY);
         config.lock_step_patience = Duration::from_secs(20);
         adjust(&mut config);

@@ -145,8 +145,8 @@ fn a_changed_decision_is_named_with_its_step() {
         }
     }
     let diverged = setup.machine.run(&mut Replay::new(&recording)).unwrap_err().to_string();
-    // The start comes first, then move and capture of two poses, then the third move.
-    assert!(diverged.starts_with("replay diverged at step 7: recorded capture at pose 3"), "{diverged}");
+    // Watching the display and the start come first, then move and capture of two poses, then the third move.
+    assert!(diverged.starts_with("replay diverged at step 8: recorded capture at pose 3"), "{diverged}");
 }
 
 #[test]
