@@ -189,17 +189,37 @@ pub struct ChecksResult {
 /// How the event camera's clock and the exposures were brought together.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Timing {
+    /// By what images and events were paired.
+    #[serde(default)]
+    pub paired_by: PairedBy,
     /// Session clock minus sensor clock at sensor time 0, s.
     pub offset_s: f64,
     /// How much faster the session's clock runs, parts per million.
     pub drift_ppm: f64,
-    /// RMS of trigger edges about that, s.
+    /// RMS of trigger edges about that, s; paired by arrival, the median delay of packets beyond the fastest.
     pub residual_rms_s: f64,
+    /// How much later than by the edges the arrival of the fastest packets puts the events, s: a latency, if images
+    /// and edges are paired rightly.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub arrival_latency_s: Option<f64>,
     /// Exposures with an event window, and all exposures.
     pub windows: [usize; 2],
     /// What was odd.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
+}
+
+/// By what images and events were paired.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PairedBy {
+    /// Exposures are edges at the event camera's trigger input.
+    #[default]
+    Trigger,
+    /// The host's clock, from the arrival of packets: there is no wire.
+    Arrival,
+    /// Events alone, cut by the image period.
+    Period,
 }
 
 /// What happened at one pose.

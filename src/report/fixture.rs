@@ -12,8 +12,8 @@ use crate::calibration::hand_eye::{HandEyeMethod, Influence, METHODS, Uncertaint
 use crate::calibration::kinematics::{ConstantPart, KinematicsResult, ModelMismatch, PoseMismatch};
 use crate::calibration::observability::Observability;
 use crate::calibration::result::{
-    CalibrationResult, CameraResult, ChecksResult, HandEyeResult, PoseCamera, PoseResult, Provenance, StereoResult,
-    Timing,
+    CalibrationResult, CameraResult, ChecksResult, HandEyeResult, PairedBy, PoseCamera, PoseResult, Provenance,
+    StereoResult, Timing,
 };
 use crate::calibration::settings::{Gates, PoseKind, Settings};
 use crate::geometry::{Base, Camera, Sensor, Target, Tcp, Transform, rotation};
@@ -311,6 +311,8 @@ pub(super) fn session() -> CalibrationResult {
         kinematics: Some(kinematics()),
         display: None,
         timing: Some(Timing {
+            paired_by: PairedBy::Trigger,
+            arrival_latency_s: Some(0.0016),
             offset_s: 12.345_678,
             drift_ppm: -3.21,
             residual_rms_s: 4.2e-6,

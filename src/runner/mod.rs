@@ -5,6 +5,7 @@
 //! above it.
 
 mod capture;
+mod event_windows;
 mod handheld;
 mod live;
 mod options;

@@ -8,15 +8,16 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::event_windows::{decode, event_windows};
 use super::setup::Setup;
 use crate::board::View;
-use crate::calibration::result::Timing;
+use crate::calibration::result::{PairedBy, Timing};
 use crate::cv::codec;
-use crate::events::sync::{ExposureTime, SyncSettings, TriggerSync, Window};
-use crate::events::{Decoder, Event, Format, LastPolarity, Trigger};
+use crate::events::sync::Window;
+use crate::events::{Event, LastPolarity, Trigger};
 use crate::geometry::Camera;
 use crate::image::GrayImage;
-use crate::recording::{Entry, EventPacket, Kind, Recording};
+use crate::recording::{Entry, Kind, Recording};
 use crate::session::{Exposure, Input, Outcome, Stamp};
 use crate::vision;
 
@@ -34,27 +35,44 @@ pub(crate) struct Seen {
 /// The part of the timing that the result shows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct SeenTiming {
-    offset_s: f64,
-    drift_ppm: f64,
-    residual_rms_s: f64,
-    windows: [usize; 2],
-    notes: Vec<String>,
+    #[serde(default)]
+    pub(super) paired_by: PairedBy,
+    pub(super) offset_s: f64,
+    pub(super) drift_ppm: f64,
+    pub(super) residual_rms_s: f64,
+    #[serde(default)]
+    pub(super) arrival_latency_s: Option<f64>,
+    pub(super) windows: [usize; 2],
+    pub(super) notes: Vec<String>,
+}
+
+impl Seen {
+    /// Of a resumed session the clocks of the first part are shown.
+    pub(super) fn add_timing(&mut self, timing: SeenTiming) {
+        match &mut self.timing {
+            Some(first) => {
+                first.windows = [0, 1].map(|i| first.windows[i] + timing.windows[i]);
+                first.notes.extend(timing.notes);
+            }
+            none => *none = Some(timing),
+        }
+    }
 }
 
 impl From<SeenTiming> for Timing {
     fn from(seen: SeenTiming) -> Self {
-        let SeenTiming { offset_s, drift_ppm, residual_rms_s, windows, notes } = seen;
-        Self { offset_s, drift_ppm, residual_rms_s, windows, notes }
+        let SeenTiming { paired_by, offset_s, drift_ppm, residual_rms_s, arrival_latency_s, windows, notes } = seen;
+        Self { paired_by, offset_s, drift_ppm, residual_rms_s, arrival_latency_s, windows, notes }
     }
 }
 
 /// One exposure of a session.
-struct Shot<'a> {
+pub(super) struct Shot<'a> {
     /// The pose that it observes; absent for repeated captures and exposures outside the still interval.
-    pose: Option<usize>,
+    pub(super) pose: Option<usize>,
     /// The pose that it was taken at.
-    taken_at: usize,
-    exposure: Exposure,
+    pub(super) taken_at: usize,
+    pub(super) exposure: Exposure,
     image: Option<&'a [u8]>,
 }
 
@@ -90,12 +108,12 @@ pub(super) fn look(
 }
 
 /// What was recorded without a break: a resumed session has more than one part, each with its own event clock.
-struct Part<'a> {
-    entries: &'a [Entry],
-    /// Whether the first packets begin in the middle of a stream.
-    joins: bool,
+pub(super) struct Part<'a> {
+    pub(super) entries: &'a [Entry],
+    /// Whether the first packets begin in the middle of a stream, stamped with their arrival.
+    pub(super) joins: bool,
     /// Captures in the parts before.
-    captures_before: usize,
+    pub(super) captures_before: usize,
 }
 
 fn parts(recording: &Recording) -> Vec<Part<'_>> {
@@ -227,80 +245,6 @@ fn put(all: &mut [BTreeMap<Camera, View>], camera: Camera, views: Vec<(usize, Vi
     }
 }
 
-/// The event windows that observe a pose, in order of time; empty with a problem noted where none can be found.
-fn event_windows(
-    part: &Part<'_>,
-    setup: &Setup,
-    shots: &[Shot<'_>],
-    outcome: &Outcome,
-    seen: &mut Seen,
-) -> Vec<(usize, Window)> {
-    // Poses are counted from 1 in what people read.
-    let exposures: Vec<_> = shots
-        .iter()
-        .map(|s| ExposureTime {
-            pose: s.taken_at + 1,
-            start_host_s: s.exposure.start_s,
-            end_host_s: s.exposure.end_s,
-            closing: s.exposure.closing,
-        })
-        .collect();
-    let channel = setup.trigger_channel;
-    if exposures.is_empty() {
-        return windows_of_edges(part, setup, outcome, seen);
-    }
-    let settings = SyncSettings { channel, exposure_s: setup.exposure_s, frame_period_s: setup.image_period_s };
-    let mut sink = Triggers::default();
-    if let Err(why) = decode(part, &mut sink, &mut |_| ()) {
-        seen.problems.push(format!("event camera: {why}"));
-        return Vec::new();
-    }
-    let sync = match TriggerSync::find(&sink.0, &exposures, &settings) {
-        Ok(sync) => sync,
-        Err(why) => {
-            seen.problems.push(format!("event camera: {why}"));
-            return Vec::new();
-        }
-    };
-    // Of a resumed session the first part is shown.
-    let timing = seen.timing.get_or_insert_with(|| SeenTiming {
-        offset_s: sync.clock.offset_s,
-        drift_ppm: sync.clock.ppm,
-        residual_rms_s: sync.residual_rms_s,
-        windows: [0, 0],
-        notes: Vec::new(),
-    });
-    timing.windows[0] += sync.matched;
-    timing.windows[1] += exposures.len();
-    timing.notes.extend(sync.notes.iter().cloned());
-    let observed = shots.iter().zip(&sync.windows).filter_map(|(shot, window)| Some((shot.pose?, (*window)?)));
-    let mut windows: Vec<_> = observed.collect();
-    windows.sort_by_key(|(_, w)| w.start_us);
-    windows
-}
-
-/// A session without a frame camera has no exposures: each rising edge of a capture begins a window that the
-/// next one ends.
-fn windows_of_edges(part: &Part<'_>, setup: &Setup, outcome: &Outcome, seen: &mut Seen) -> Vec<(usize, Window)> {
-    let (mut sink, mut per_capture) = (Triggers::default(), Vec::new());
-    let decoded = decode(part, &mut sink, &mut |sink| per_capture.push(std::mem::take(&mut sink.0)));
-    if let Err(why) = decoded {
-        seen.problems.push(format!("event camera: {why}"));
-    }
-    let mut windows = Vec::new();
-    for (pose, record) in outcome.poses.iter().enumerate() {
-        let Some(edges) = record.capture.and_then(|c| per_capture.get(c.checked_sub(part.captures_before)?)) else {
-            continue;
-        };
-        let rising: Vec<i64> =
-            edges.iter().filter(|t| t.rising && t.channel == setup.trigger_channel).map(|t| t.t_us).collect();
-        let window = |w: &[i64]| (pose, Window { start_us: w[0], end_us: w[1], assumed_end: false });
-        windows.extend(rising.windows(2).map(window));
-    }
-    windows.sort_by_key(|(_, w)| w.start_us);
-    windows
-}
-
 fn event_views(
     part: &Part<'_>,
     setup: &Setup,
@@ -325,7 +269,7 @@ fn event_views(
         look: &look,
     };
     // Whatever could be decoded is used; an unknown encoding was reported with the triggers.
-    let _ = decode(part, &mut sink, &mut |_| ());
+    let _ = decode(part, &mut sink, &mut |_, _| ());
     sink.finish()
 }
 
@@ -377,57 +321,4 @@ impl crate::events::Sink for Windows<'_> {
     }
 
     fn trigger(&mut self, _trigger: Trigger) {}
-}
-
-#[derive(Default)]
-struct Triggers(Vec<Trigger>);
-
-impl crate::events::Sink for Triggers {
-    fn event(&mut self, _event: Event) {}
-
-    fn trigger(&mut self, trigger: Trigger) {
-        self.0.push(trigger);
-    }
-}
-
-/// Runs every event packet of a part through a decoder.
-///
-/// `after_capture` is called where a capture ends. Packets of one capture follow each other without a gap; between captures the camera was not recorded.
-fn decode<S: crate::events::Sink>(
-    part: &Part<'_>,
-    sink: &mut S,
-    after_capture: &mut dyn FnMut(&mut S),
-) -> Result<(), String> {
-    let mut decoder: Option<Decoder> = None;
-    // A live session joins the stream at its first capture; an import begins with the stream itself.
-    let mut gap = part.joins;
-    for entry in part.entries {
-        match entry {
-            Entry::Events(EventPacket { encoding, time_base_ns, events, .. }) => {
-                let decoder = match &mut decoder {
-                    Some(decoder) => decoder,
-                    none => none.insert(Decoder::new(format(encoding)?)),
-                };
-                if gap {
-                    decoder.set_epoch_us((time_base_ns / 1000) as i64);
-                    gap = false;
-                }
-                decoder.decode_into(events, sink);
-            }
-            Entry::Input(_, Input::Captured(_)) => {
-                gap = decoder.is_some();
-                after_capture(sink);
-            }
-            Entry::Input(_, Input::Watched(_)) => gap = true,
-            Entry::Input(..) | Entry::Command(_) | Entry::Image(..) => {}
-        }
-    }
-    Ok(())
-}
-
-fn format(encoding: &str) -> Result<Format, String> {
-    if encoding == "evt21_legacy" {
-        return Ok(Format::Evt21 { legacy_halves: true });
-    }
-    Format::from_name(encoding).map_err(|e| e.to_string())
 }

@@ -50,6 +50,8 @@ pub struct Setup {
     pub image_period_s: f64,
     /// Trigger input that carries the exposure signal.
     pub trigger_channel: u8,
+    /// Whether it does.
+    pub wired: bool,
     /// The state machine to run.
     pub machine: MachineSpec,
     /// The model of the arm that it was planned with, and the TCP in its flange; absent in an import.
@@ -276,6 +278,7 @@ impl Setup {
             exposure_s: import.exposure_s.unwrap_or(0.1),
             image_period_s: import.image_period_s.unwrap_or(0.1),
             trigger_channel: import.trigger_channel.unwrap_or(0),
+            wired: true,
             model: None,
             source: Some(import.source),
             sha256: BTreeMap::new(),
@@ -301,6 +304,7 @@ impl Setup {
             exposure_s,
             image_period_s: 1.0 / images_per_s,
             trigger_channel: cell.event.as_ref().map_or(0, |e| e.trigger_channel),
+            wired: cell.rgb.as_ref().is_none_or(|c| c.wired),
             machine: if by_hand { by_hand_machine(cell) } else { machine(cell, arm, plan, run) },
             model: (!by_hand).then(|| (arm.clone(), cell.robot.tcp_offset)),
             source: None,

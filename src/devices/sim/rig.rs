@@ -1,7 +1,7 @@
 //! The two simulated cameras as drivers, joined by their trigger wire.
 //!
-//! The frame camera is the master: it exposes at a steady rate and ends a capture with one short closing
-//! pulse. The event camera has its own clock, off by seconds and some parts per million.
+//! The frame camera is the master: it exposes at a steady rate, or once for every trigger. The event camera has its
+//! own clock, off by seconds and some parts per million, and sends its words in packets that come a little late.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -12,14 +12,17 @@ use crate::config::FrameTrigger;
 use crate::devices::{
     CameraError, CameraFacts, Clock as _, EventCamera, FrameCamera, FrameImage, PRE_ROLL_S, RawEvents,
 };
-use crate::events::{Encoder, Event, Format, Trigger};
+use crate::events::{EncodeError, Encoder, Event, Format, Trigger};
 use crate::geometry::{self, Base, Camera, Flange, Rgb, Target, Transform};
-use crate::session::Exposure;
+use crate::session::{Exposure, Stamp};
 
 /// Length of the closing pulse, s.
 const CLOSING_PULSE_S: f64 = 0.001;
 /// From a trigger to the begin of its exposure, s.
 const TRIGGER_DELAY_S: f64 = 50e-6;
+/// Length of a packet of events, and how late packets come, s.
+const PACKET_S: f64 = 0.02;
+const LATENCY_S: [f64; 2] = [0.0015, 0.006];
 /// Events are recorded to this long after the closing edge, s.
 const MARGIN_S: f64 = 0.004;
 
@@ -188,7 +191,18 @@ impl Rig {
         (self.event_offset_s * 1e6 + host_us as f64 * rate).round() as i64
     }
 
-    fn edges(&self, burst: &[Exposure]) -> Vec<Trigger> {
+    /// The exposures of a free running camera between two times besides those of a burst.
+    fn around(&self, burst: &[Exposure], from_s: f64, to_s: f64) -> Vec<Exposure> {
+        let Some((first, last)) = burst.first().zip(burst.last()) else { return Vec::new() };
+        let before = ((first.start_s - from_s) / self.period_s).floor().max(0.0) as u32;
+        let after = ((to_s - last.start_s) / self.period_s).floor().max(0.0) as u32;
+        let early = (1..=before).map(|i| first.start_s - f64::from(i) * self.period_s);
+        let late = (1..=after).map(|i| last.start_s + f64::from(i) * self.period_s);
+        early.chain(late).map(|start_s| Exposure::whole(start_s, start_s + self.exposure_s)).collect()
+    }
+
+    /// What the trigger input sees between two times, in order.
+    fn edges(&self, burst: &[Exposure], alone: bool, from_s: f64, to_s: f64) -> Vec<Trigger> {
         if !self.wired {
             return Vec::new();
         }
@@ -196,11 +210,18 @@ impl Rig {
             let t_us = self.sensor_us((host_s * 1e6).round() as i64);
             Trigger { t_us, channel: self.trigger_channel, rising }
         };
-        let mut edges: Vec<_> = burst.iter().flat_map(|e| [edge(e.start_s, true), edge(e.end_s, false)]).collect();
-        if let (Some(closing_s), Some(false)) = (self.closing_s(burst), burst.last().map(|e| e.closing)) {
-            edges.extend([edge(closing_s, true), edge(closing_s + CLOSING_PULSE_S, false)]);
+        // A camera that runs freely exposes all the time; a triggered one exposes once more in the burst itself, and a
+        // generator closes with a short pulse.
+        let free = self.trigger == FrameTrigger::FreeRun && !alone;
+        let around = if free { self.around(burst, from_s, to_s) } else { Vec::new() };
+        let all = around.iter().chain(burst);
+        let mut edges: Vec<_> = all.flat_map(|e| [(e.start_s, true), (e.end_s, false)]).collect();
+        if let Some(closing_s) = self.closing_s(burst).filter(|_| alone) {
+            edges.extend([(closing_s, true), (closing_s + CLOSING_PULSE_S, false)]);
         }
-        edges
+        edges.retain(|(host_s, _)| (from_s..=to_s).contains(host_s));
+        edges.sort_by(|a, b| a.0.total_cmp(&b.0));
+        edges.into_iter().map(|(host_s, rising)| edge(host_s, rising)).collect()
     }
 }
 
@@ -291,12 +312,14 @@ pub struct SimEventCamera {
     alone: Option<u32>,
     encoder: Encoder,
     begun_s: f64,
+    /// Transfers so far.
+    sent: u64,
 }
 
 impl SimEventCamera {
     /// An event camera of the rig; `alone` is the number of trigger pulses where no frame camera gives them.
     pub fn new(rig: Arc<Rig>, alone: Option<u32>) -> Self {
-        Self { rig, alone, encoder: Encoder::new(Format::Evt3), begun_s: 0.0 }
+        Self { rig, alone, encoder: Encoder::new(Format::Evt3), begun_s: 0.0, sent: 0 }
     }
 }
 
@@ -333,12 +356,44 @@ impl EventCamera for SimEventCamera {
         for Event { t_us, .. } in &mut events {
             *t_us = self.rig.sensor_us(*t_us);
         }
-        let edges = self.rig.edges(&burst);
-        let mut words = Vec::new();
+        let edges = self.rig.edges(&burst, self.alone.is_some(), from_s, to_s);
         self.encoder.restart();
-        self.encoder.encode(&events, &edges, &mut words).map_err(|e| failed(e.to_string()))?;
-        let first_us =
-            events.first().map(|e| e.t_us).into_iter().chain(edges.first().map(|e| e.t_us)).min().unwrap_or(0);
-        Ok(vec![RawEvents { first_us, arrived: self.rig.clock.now(), words }])
+        self.packets(&events, &edges, [from_s, to_s]).map_err(|e| failed(e.to_string()))
     }
+}
+
+impl SimEventCamera {
+    /// Words in transfers of 20 ms, each a little late, as a bus delivers them.
+    fn packets(
+        &mut self,
+        events: &[Event],
+        edges: &[Trigger],
+        span_s: [f64; 2],
+    ) -> Result<Vec<RawEvents>, EncodeError> {
+        let [from_s, to_s] = span_s;
+        let now = self.rig.clock.now();
+        let (mut packets, mut first_event, mut first_edge) = (Vec::new(), 0, 0);
+        let count = ((to_s - from_s) / PACKET_S).ceil().max(1.0) as usize;
+        for i in 1..=count {
+            let end_s = if i == count { f64::INFINITY } else { from_s + i as f64 * PACKET_S };
+            let end_us = self.rig.sensor_us((end_s * 1e6) as i64);
+            let event = if i == count { events.len() } else { events.partition_point(|e| e.t_us < end_us) };
+            let edge = if i == count { edges.len() } else { edges.partition_point(|e| e.t_us < end_us) };
+            let (of_events, of_edges) = (&events[first_event..event], &edges[first_edge..edge]);
+            (first_event, first_edge) = (event, edge);
+            let first_us = of_events.first().map(|e| e.t_us).into_iter().chain(of_edges.first().map(|e| e.t_us)).min();
+            let Some(first_us) = first_us else { continue };
+            let mut words = Vec::new();
+            self.encoder.encode(of_events, of_edges, &mut words)?;
+            self.sent += 1;
+            let arrived_s = end_s.min(to_s) + LATENCY_S[0] + (LATENCY_S[1] - LATENCY_S[0]) * scattered(self.sent);
+            packets.push(RawEvents { first_us, arrived: Stamp::from_seconds(arrived_s).min(now), words });
+        }
+        Ok(packets)
+    }
+}
+
+/// Evenly scattered in 0..1, without chance.
+fn scattered(i: u64) -> f64 {
+    (i as f64 * 0.618_033_988_749_894_9).fract()
 }

@@ -9,7 +9,7 @@ use std::collections::HashSet;
 use super::edges::Edges;
 use super::fit::{Line, Pairing, Times};
 use super::windows::{EXPOSURE_PART_MIN, PERIODS_MAX};
-use super::{ClockMap, ExposureTime, SyncError, SyncSettings};
+use super::{ClockMap, ExposureTime, HostClock, SyncError, SyncSettings};
 use super::{DRIFT_MAX_PPM, PAIRS_MIN, RESIDUAL_PERIODS};
 
 /// Exposures whose pairs propose maps; fewer for long sessions, where the work grows with the number of edges.
@@ -21,6 +21,9 @@ const PROBES: usize = 32;
 const PROBES_MATCHED_MIN: f64 = 0.35;
 /// Part of the exposures that must have an edge.
 const MATCHED_MIN: f64 = 0.5;
+/// A true map is earlier than the arrivals by the latency of the fastest packet, up to this part of the shortest
+/// exposure spacing; the rest of one spacing is for errors of the host's stamps.
+const EARLY_PERIODS: f64 = 0.75;
 /// Fits that are made of one map, to let the pairs settle.
 const FITS: usize = 4;
 
@@ -57,7 +60,7 @@ pub(super) fn align(
     let starts = edges.starts();
     let Some(problem) = Problem::new(&ordered, edges, &starts, settings) else { return Ok(None) };
     let candidates = problem.candidates();
-    let Some(best) = problem.choose(&candidates)? else { return Ok(None) };
+    let Some(best) = problem.choose_in_time(&candidates, settings.arrivals)? else { return Ok(None) };
     let Some(pairing) = Pairing::new(best.line, &problem.times) else { return Ok(None) };
     let limit_s = problem.period_s * RESIDUAL_PERIODS;
     let residual_rms_s = pairing.rms_s(|_| true);
@@ -224,12 +227,46 @@ impl Problem {
         self.closing_s.get(next).is_some_and(|s| *s <= to_s)
     }
 
+    /// The candidate that beats all others among those that agree with the arrival of the packets.
+    fn choose_in_time(
+        &self,
+        candidates: &[Candidate],
+        arrivals: Option<HostClock>,
+    ) -> Result<Option<Candidate>, SyncError> {
+        let Some(arrivals) = arrivals else { return self.choose(candidates) };
+        let by_s = |candidate: &Candidate| self.after_arrivals_s(candidate, &arrivals);
+        let in_time = |candidate: &&Candidate| {
+            let periods = by_s(candidate) / self.period_s;
+            (-EARLY_PERIODS..=1.0 - EARLY_PERIODS).contains(&periods)
+        };
+        let near: Vec<Candidate> = candidates.iter().filter(in_time).copied().collect();
+        let most = candidates.iter().max_by_key(|candidate| candidate.explained());
+        let explained = near.iter().map(Candidate::explained).max().unwrap_or(0);
+        match most {
+            Some(most) if most.explained() > explained + self.about() => {
+                let by_s = by_s(most);
+                let periods = by_s / self.period_s;
+                Err(SyncError::Shifted { by_s, images: (periods.abs().ceil() * periods.signum()) as i64 })
+            }
+            Some(_) | None => self.choose(&near),
+        }
+    }
+
+    /// How much later than by the arrivals a candidate puts the middle of the edges, seconds; true maps are earlier,
+    /// by the smallest latency of a packet.
+    fn after_arrivals_s(&self, candidate: &Candidate, arrivals: &HostClock) -> f64 {
+        let [first_s, last_s] = [self.times.sensors_s.first(), self.times.sensors_s.last()].map(|s| *s.unwrap_or(&0.0));
+        let middle_us = ((0.5 * (first_s + last_s) + self.sensor_reference_s) * 1e6).round() as i64;
+        let ours_s = self.clock(candidate.line).host_s_from_sensor_us(middle_us);
+        ours_s - arrivals.clock.host_s_from_sensor_us(middle_us)
+    }
+
     /// The candidate that beats all others.
-    fn choose<'a>(&self, candidates: &'a [Candidate]) -> Result<Option<&'a Candidate>, SyncError> {
+    fn choose(&self, candidates: &[Candidate]) -> Result<Option<Candidate>, SyncError> {
         let Some(first) = candidates.first() else { return Ok(None) };
         let best = candidates.iter().fold(first, |best, other| if self.beats(other, best) { other } else { best });
         match candidates.iter().find(|other| !std::ptr::eq(*other, best) && !self.beats(best, other)) {
-            None => Ok(Some(best)),
+            None => Ok(Some(*best)),
             Some(other) => Err(SyncError::Ambiguous {
                 offset_s: self.clock(best.line).offset_s,
                 matched: best.matched,

@@ -2,17 +2,20 @@
 //!
 //! The two clocks differ by an unknown offset and some ppm. Every exposure makes a rising edge at its start and a
 //! falling one at its end; after the last exposure of a pose a short closing pulse ends the last window. Edges may be
-//! missing, doubled or extra anywhere. Start at [`TriggerSync::find`].
+//! missing, doubled or extra anywhere. A camera that runs freely makes edges between captures too; then only the
+//! arrival of the packets ([`HostClock`]) tells which image an edge belongs to. Start at [`TriggerSync::find`].
 
 mod align;
 mod edges;
 mod fit;
+mod host;
 mod windows;
 
 #[cfg(test)]
 mod tests;
 
 use super::Trigger;
+pub use host::{Arrival, HostClock};
 
 /// Largest difference of two clocks that is believed, ppm.
 const DRIFT_MAX_PPM: f64 = 200.0;
@@ -47,6 +50,8 @@ pub struct SyncSettings {
     pub exposure_s: f64,
     /// Time from one exposure to the next within a pose (1 / fps), seconds.
     pub frame_period_s: f64,
+    /// What the arrival of the packets says about the clocks: excludes maps that are wrong by a whole image.
+    pub arrivals: Option<HostClock>,
 }
 
 /// `host_s = offset_s + (1 + ppm * 1e-6) * sensor_s`.
@@ -173,6 +178,18 @@ pub enum SyncError {
         /// Exposures that one pairs.
         other_matched: usize,
     },
+    /// The edges fit best where the packets cannot have come from.
+    #[error(
+        "images and trigger edges are paired wrongly, by about {images} images: the edges fit {by_s:.6} s from where \
+         the arrival of the events puts them; was an image or an edge lost in every capture, or does the wire carry \
+         another signal than `exposure active`?"
+    )]
+    Shifted {
+        /// Host time of an edge by the best pairing minus that by the arrivals, seconds.
+        by_s: f64,
+        /// The same in frame periods, rounded away from zero.
+        images: i64,
+    },
     /// The best answer is poor.
     #[error(
         "trigger edges are {residual_rms_s:.6} s (rms) off the exposures, allowed are {limit_s:.6} s; the host's time \
@@ -227,7 +244,7 @@ impl TriggerSync {
 }
 
 fn check(exposures: &[ExposureTime], settings: &SyncSettings) -> Result<(), SyncError> {
-    let SyncSettings { channel: _, exposure_s, frame_period_s } = *settings;
+    let SyncSettings { channel: _, exposure_s, frame_period_s, arrivals: _ } = *settings;
     for (name, value) in [("exposure_s", exposure_s), ("frame_period_s", frame_period_s)] {
         if !(value.is_finite() && value > 0.0) {
             return Err(SyncError::Setting { name, value });

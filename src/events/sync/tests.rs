@@ -8,7 +8,8 @@ use super::*;
 
 const PERIOD_S: f64 = 0.1;
 const EXPOSURE_S: f64 = 0.0999;
-const SETTINGS: SyncSettings = SyncSettings { channel: 0, exposure_s: EXPOSURE_S, frame_period_s: PERIOD_S };
+const SETTINGS: SyncSettings =
+    SyncSettings { channel: 0, exposure_s: EXPOSURE_S, frame_period_s: PERIOD_S, arrivals: None };
 const CLOCK: ClockMap = ClockMap { offset_s: 3217.4, ppm: 12.0 };
 
 /// A session whose clocks and pulses are known.
@@ -376,4 +377,75 @@ fn clock_map_and_back() {
     let second_s = CLOCK.host_s_from_sensor_us(1_000_000);
     assert!((second_s - 3_218.400_012).abs() < 1e-9, "{second_s}");
     assert_eq!(CLOCK.sensor_us_from_host_s(f64::NAN), 0);
+}
+
+/// What packets of 20 ms from 0.2 s before each pose on say, late by 2 ms and up to 6 more.
+fn arrivals(session: &Session, seed: u64) -> HostClock {
+    let mut random = Pcg64::seed_from_u64(seed);
+    let mut all = Vec::new();
+    for pose in &session.exposing_us {
+        let (first_us, last_us) = (pose[0].0 - 200_000, pose[pose.len() - 1].1 + 20_000);
+        for last_us in (first_us..last_us).step_by(20_000) {
+            let latency_s = 0.002 + 0.006 * random.random::<f64>();
+            all.push(Arrival { last_us, host_s: session.clock.host_s_from_sensor_us(last_us) + latency_s });
+        }
+    }
+    HostClock::find(&all).unwrap()
+}
+
+/// A camera that runs freely exposes before and after its captures too, and no pulse closes them.
+fn free_running(seed: u64) -> Session {
+    let mut session = Session::uneven(12, 3, seed);
+    session.closing_us.fill(None);
+    for pose in session.exposing_us.clone() {
+        for k in [-2, -1, 3] {
+            session.pulse(pose[0].0 + k * 100_000, (EXPOSURE_S * 1e6) as i64);
+        }
+    }
+    session
+}
+
+#[test]
+fn a_free_running_camera_is_ambiguous_alone_and_clear_with_arrivals() {
+    for seed in 0..10 {
+        let session = free_running(seed);
+        let alone = session.find();
+        assert!(matches!(alone, Err(SyncError::Ambiguous { .. })), "{seed}: {alone:?}");
+        let settings = SyncSettings { arrivals: Some(arrivals(&session, seed)), ..SETTINGS };
+        let found = TriggerSync::find(&session.triggers(), &session.exposures, &settings).unwrap();
+        session.assert_clock(&found, 20e-6);
+        for (window, exposure) in found.windows.iter().zip(session.exposing_us.iter().flatten()) {
+            let window = window.unwrap();
+            assert_eq!((window.start_us, window.end_us), (exposure.0, exposure.0 + 100_000), "{seed}");
+        }
+    }
+}
+
+#[test]
+fn a_pairing_that_is_off_by_an_image_is_told_not_averaged() {
+    for (seed, images) in [(1, 1), (2, -1), (3, 2)] {
+        let mut session = Session::uneven(12, 3, seed);
+        let settings = SyncSettings { arrivals: Some(arrivals(&session, seed)), ..SETTINGS };
+        // The driver gives every image the time of another.
+        for exposure in &mut session.exposures {
+            exposure.start_host_s += PERIOD_S * f64::from(images);
+            exposure.end_host_s += PERIOD_S * f64::from(images);
+        }
+        let error = TriggerSync::find(&session.triggers(), &session.exposures, &settings).unwrap_err();
+        let SyncError::Shifted { by_s, images: found } = error else { panic!("{seed}: {error}") };
+        // The arrivals are late by 2 ms and a little.
+        assert!((by_s - PERIOD_S * f64::from(images) + 0.0025).abs() < 0.001, "{seed}: {by_s}");
+        assert!((found - i64::from(images)).abs() <= 1, "{seed}: {found}");
+    }
+}
+
+#[test]
+fn arrivals_that_are_very_late_still_tell_the_image() {
+    let session = free_running(4);
+    let mut late = arrivals(&session, 4);
+    // The slowest way there is: half an image later.
+    late.clock.offset_s += 0.05;
+    let settings = SyncSettings { arrivals: Some(late), ..SETTINGS };
+    let found = TriggerSync::find(&session.triggers(), &session.exposures, &settings).unwrap();
+    session.assert_clock(&found, 20e-6);
 }

@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::super::document::{Block, Section};
 use super::super::numbers::{count, fixed, mm};
 use super::{fact, why};
-use crate::calibration::result::{CalibrationResult, PoseResult, Provenance, Timing};
+use crate::calibration::result::{CalibrationResult, PairedBy, PoseResult, Provenance, Timing};
 use crate::events::blink::DisplayProof;
 
 /// Clocks and stillness.
@@ -45,13 +45,35 @@ fn display(proof: &DisplayProof) -> String {
 }
 
 fn clocks(timing: &Timing) -> Vec<(String, String)> {
-    let &Timing { offset_s, drift_ppm, residual_rms_s, windows: [with_window, exposures], .. } = timing;
-    vec![
-        fact("event windows", format!("{with_window} of {}", count(exposures, "exposure"))),
+    let &Timing { paired_by, offset_s, drift_ppm, residual_rms_s, windows: [with_window, exposures], .. } = timing;
+    let (by, residual) = match paired_by {
+        PairedBy::Trigger => (
+            "trigger edges",
+            ("trigger residual", format!("rms {} us over the trigger edges", fixed(residual_rms_s * 1e6, 1))),
+        ),
+        PairedBy::Arrival => (
+            "the arrival of packets: no trigger wire",
+            ("arrival spread", format!("{} ms beyond the fastest packets, median", fixed(residual_rms_s * 1e3, 2))),
+        ),
+        PairedBy::Period => (
+            "the image period alone: no trigger edges",
+            ("arrival spread", format!("{} ms beyond the fastest packets, median", fixed(residual_rms_s * 1e3, 2))),
+        ),
+    };
+    let mut facts = vec![
+        fact("event windows", format!("{with_window} of {}, paired by {by}", count(exposures, "exposure"))),
         fact("clock offset", format!("{} s, session clock minus sensor clock", fixed(offset_s, 6))),
         fact("clock drift", format!("{} ppm", fixed(drift_ppm, 2))),
-        fact("trigger residual", format!("rms {} us over the trigger edges", fixed(residual_rms_s * 1e6, 1))),
-    ]
+        fact(residual.0, residual.1),
+    ];
+    if let Some(latency_s) = timing.arrival_latency_s {
+        let text = format!(
+            "fastest packets {} ms after their events: the pairing is not off by an image",
+            fixed(latency_s * 1e3, 1)
+        );
+        facts.push(fact("arrival", text));
+    }
+    facts
 }
 
 /// What the evidence of the poses says, in a line; it is stored as the session wrote it.
