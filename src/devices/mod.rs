@@ -3,6 +3,9 @@
 //! Drivers never name each other; traits carry no vendor words. Uses `session` for the words that are
 //! logged. Start at [`Robot`].
 
+pub mod event_stream;
+#[cfg(feature = "evk4")]
+pub mod evk4;
 pub mod rtde;
 pub mod sim;
 pub mod ur;

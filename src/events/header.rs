@@ -37,6 +37,14 @@ impl Format {
         }
     }
 
+    /// The name in our recordings, which also tells the two orders of EVT2.1 apart; [`Format::from_name`] reads it.
+    pub fn encoding(self) -> &'static str {
+        match self {
+            Self::Evt21 { legacy_halves: true } => "evt21_legacy",
+            Self::Evt2 | Self::Evt21 { legacy_halves: false } | Self::Evt3 => self.name(),
+        }
+    }
+
     /// Bytes of a word.
     pub fn word_bytes(self) -> usize {
         match self {
@@ -54,7 +62,8 @@ impl Format {
         }
     }
 
-    /// The format that a `format`, `evt` or ROS `encoding` value names; EVT2.1 in its whole-word form.
+    /// The format that a `format`, `evt` or ROS `encoding` value names; EVT2.1 in its whole-word form, unless
+    /// the name is `evt21_legacy`.
     ///
     /// # Errors
     /// [`RawError::UnknownFormat`] with the name.
@@ -62,6 +71,7 @@ impl Format {
         match name.to_ascii_lowercase().as_str() {
             "evt2" | "evt2.0" | "2.0" => Ok(Self::Evt2),
             "evt21" | "evt2.1" | "2.1" => Ok(Self::Evt21 { legacy_halves: false }),
+            "evt21_legacy" => Ok(Self::Evt21 { legacy_halves: true }),
             "evt3" | "evt3.0" | "3.0" => Ok(Self::Evt3),
             _ => Err(RawError::UnknownFormat { found: name.to_owned() }),
         }

@@ -254,7 +254,7 @@ pub(super) fn decode<S: Sink>(
             Entry::Events(EventPacket { encoding, time_base_ns, events, stamp_ns, .. }) => {
                 let decoder = match &mut decoder {
                     Some(decoder) => decoder,
-                    none => none.insert(Decoder::new(format(encoding)?)),
+                    none => none.insert(Decoder::new(Format::from_name(encoding).map_err(|e| e.to_string())?)),
                 };
                 if gap {
                     decoder.set_epoch_us((time_base_ns / 1000) as i64);
@@ -275,11 +275,4 @@ pub(super) fn decode<S: Sink>(
         }
     }
     Ok(())
-}
-
-fn format(encoding: &str) -> Result<Format, String> {
-    if encoding == "evt21_legacy" {
-        return Ok(Format::Evt21 { legacy_halves: true });
-    }
-    Format::from_name(encoding).map_err(|e| e.to_string())
 }

@@ -100,11 +100,12 @@ mod tests {
             let found = HostClock::find(&arrivals).unwrap();
             for at in &arrivals {
                 let late_s = found.clock.host_s_from_sensor_us(at.last_us) - TRUTH.host_s_from_sensor_us(at.last_us);
-                // 2000 latencies spread evenly over 6 ms: the lowest of any 200 neighbours is 30 us above the bound on
-                // average; ten times that is beyond chance.
-                assert!((0.002 - 1e-6..0.0023).contains(&late_s), "{seed}: {late_s}");
+                // The line rests on the fastest packets of each half: of 1000 latencies spread over 6 ms the smallest is
+                // 6 us above the bound, and 100 us is beyond chance even where the line is drawn out to the ends.
+                assert!((late_s - 0.002).abs() < 1e-4, "{seed}: {late_s}");
             }
-            assert!((found.clock.ppm - TRUTH.ppm).abs() < 2.0 * 300.0 / 320.0, "{}", found.clock.ppm);
+            // 100 us at each end of 312 s.
+            assert!((found.clock.ppm - TRUTH.ppm).abs() < 2.0 * 100.0 / 312.0, "{}", found.clock.ppm);
             assert!((found.latency_spread_s - 0.003).abs() < 0.0005, "{}", found.latency_spread_s);
         }
     }
