@@ -43,9 +43,10 @@ fn check(trigger: &str, images: u32, exposures: u64) {
     // The sensor counts microseconds.
     assert!(timing["residual_rms_s"].as_f64().unwrap() < 2e-6, "{trigger}: {timing:#}");
     assert_eq!(timing["paired_by"], "trigger");
-    // Hundreds of packets are late by 1.5 ms and up to 4.5 more: the fastest of 50 neighbours is within 0.5 ms.
+    // Some 200 packets are late by 1.5 ms and up to 4.5 more: of each half the fastest is 45 us above the bound, and
+    // the line through two of those is off by a few times that.
     let latency_s = timing["arrival_latency_s"].as_f64().unwrap();
-    assert!((SMALLEST_LATENCY_S - 1e-5..SMALLEST_LATENCY_S + 0.0005).contains(&latency_s), "{trigger}: {timing:#}");
+    assert!((latency_s - SMALLEST_LATENCY_S).abs() < 0.0003, "{trigger}: {timing:#}");
     check_corners(trigger, &result);
 }
 
