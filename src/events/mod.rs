@@ -11,6 +11,7 @@ mod encode;
 mod error;
 mod header;
 mod info;
+mod phase;
 pub mod sync;
 
 #[cfg(test)]
@@ -22,6 +23,7 @@ pub use encode::Encoder;
 pub use error::{EncodeError, RawError};
 pub use header::{Format, Header};
 pub use info::{EventDigest, RawInfo, TriggerInfo};
+pub use phase::{Accumulated, BlinkClock};
 
 /// One pixel event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -19,6 +19,7 @@ pub use handheld::{CameraDevices, HandheldLive, Rest};
 pub use live::{Devices, Live, LiveError, Nobody, Operator, Told};
 pub use options::RunOptions;
 pub use past::{Past, PastError};
+pub use pixels::accumulated;
 pub use replay::{Diverged, Replay};
 
 use crate::session::{Command, Input, Machine, Outcome, Stamp};

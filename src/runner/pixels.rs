@@ -14,7 +14,7 @@ use crate::board::View;
 use crate::calibration::result::{PairedBy, Timing};
 use crate::cv::codec;
 use crate::events::sync::Window;
-use crate::events::{Event, LastPolarity, Trigger};
+use crate::events::{Accumulated, BlinkClock, Event, LastPolarity, Trigger};
 use crate::geometry::Camera;
 use crate::image::GrayImage;
 use crate::recording::{Entry, Kind, Recording};
@@ -105,6 +105,49 @@ pub(super) fn look(
     }
     count_lost_views(shots.iter().flatten(), setup, &mut seen);
     seen
+}
+
+/// All that the events of a pose's windows give, in one image; signed where the display was watched.
+///
+/// # Errors
+/// A sentence, for a recording that does not replay, a pose that is not there, and one without events.
+pub fn accumulated(recording: &Recording, pose_id: &str) -> Result<Accumulated, String> {
+    let setup = Setup::of_recording(recording).map_err(|why| why.to_string())?;
+    let outcome = super::solve::replay(recording, &setup).map_err(|why| why.to_string())?;
+    let known = || setup.poses.iter().map(|(id, _)| id.as_str()).collect::<Vec<_>>().join(", ");
+    let pose = setup.poses.iter().position(|(id, _)| id == pose_id);
+    let pose = pose.ok_or_else(|| format!("there is no pose {pose_id}; the poses are {}", known()))?;
+    let event = setup.cameras.get(&Camera::Event).ok_or("the session has no event camera")?;
+    let clock = outcome.display.as_ref().map(BlinkClock::of);
+    let all = Accumulated::new(event.width as u16, event.height as u16, clock);
+    let mut seen = Seen { views: Vec::new(), timing: None, problems: Vec::new() };
+    let mut within = Within { windows: Vec::new(), all };
+    for part in parts(recording) {
+        let windows = event_windows(&part, &setup, &part.shots(&outcome), &outcome, &mut seen);
+        within.windows = windows.into_iter().filter(|(of, _)| *of == pose).map(|(_, window)| window).collect();
+        if !within.windows.is_empty() {
+            decode(&part, &mut within, &mut |_, _| ())?;
+            return Ok(within.all);
+        }
+    }
+    seen.problems.push(format!("pose {pose_id} has no event window"));
+    Err(seen.problems.join("; "))
+}
+
+/// Events inside some windows.
+struct Within {
+    windows: Vec<Window>,
+    all: Accumulated,
+}
+
+impl crate::events::Sink for Within {
+    fn event(&mut self, event: Event) {
+        if self.windows.iter().any(|w| (w.start_us..w.end_us).contains(&event.t_us)) {
+            self.all.event(event);
+        }
+    }
+
+    fn trigger(&mut self, _trigger: Trigger) {}
 }
 
 /// What was recorded without a break: a resumed session has more than one part, each with its own event clock.

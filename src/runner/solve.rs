@@ -117,7 +117,7 @@ pub fn solve_recording(
 /// Runs the session's machine against the recording.
 ///
 /// Where a damaged recording makes the machine decide differently, what each capture still proves counts.
-fn replay(recording: &Recording, setup: &Setup) -> Result<Outcome, Diverged> {
+pub(super) fn replay(recording: &Recording, setup: &Setup) -> Result<Outcome, Diverged> {
     let mut world = Replay::new(recording);
     let outcome = setup.machine.clone().run(&mut world);
     match &setup.machine {

@@ -5,6 +5,7 @@ mod architecture;
 mod bad_input;
 mod bench;
 mod cell_around;
+mod display_proof;
 mod faults;
 mod fuzz_corpus;
 mod handheld;

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::Event;
 use bursts::Burst;
 use pixels::Blinking;
+pub(super) use rhythm::delay_of;
 
 /// Fewest pixels that a display must have: a board of 60 by 45 pixels has more.
 const PIXELS_MIN: usize = 300;

@@ -91,7 +91,7 @@ pub(super) fn row_delays(events: &[Event], height: u16, period_us: f64) -> Vec<R
 }
 
 /// Delay of a row, microseconds: straight between the bands, that of the last band beyond it.
-pub(super) fn delay_of(delays: &[RowDelay], y: u16) -> f64 {
+pub(in crate::events) fn delay_of(delays: &[RowDelay], y: u16) -> f64 {
     let row_px = f64::from(y);
     let next = delays.partition_point(|band| band.row_px <= row_px);
     match (next.checked_sub(1).and_then(|i| delays.get(i)), delays.get(next)) {
