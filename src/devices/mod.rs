@@ -6,12 +6,17 @@
 pub mod event_stream;
 #[cfg(feature = "evk4")]
 pub mod evk4;
+#[cfg(feature = "genicam")]
+pub mod genicam;
+pub mod pictures;
 pub mod rtde;
 pub mod sim;
+mod streaming;
 pub mod ur;
+pub mod v4l2;
 mod wall_clock;
 
-pub use wall_clock::WallClock;
+pub use wall_clock::{WallClock, pause};
 
 use crate::geometry::Camera;
 use crate::image::GrayImage;

@@ -7,7 +7,7 @@ use rand::{Rng as _, SeedableRng as _};
 use rand_pcg::Pcg64;
 use serde::de::DeserializeOwned;
 
-use super::rig::{Placement, Rig, SimEventCamera, SimFrameCamera, Whereabouts};
+use super::rig::{Placement, Rig, SimEventCamera, SimFrameCamera, Whereabouts, WiredCamera};
 use super::scene::{DisplaySpec, EventSpec, FrameSpec, Optics, Scene, SceneError, SceneSpec};
 use super::ur::{Flaws, Planned as PlannedFault, SimClock, SimController, SimUrConfig};
 use crate::config::{Cell, FrameTrigger, Interlock, Mount, RobotDriver, Section};
@@ -134,6 +134,13 @@ impl SimCell {
     /// The frame camera, if the cell has one.
     pub fn frame(&self) -> Option<Box<dyn FrameCamera>> {
         self.has[0].then(|| Box::new(SimFrameCamera::new(Arc::clone(&self.rig))) as _)
+    }
+
+    /// Puts a camera that is no part of the simulation in the place of the simulated one.
+    ///
+    /// It must stamp its exposures on [`SimCell::clock`], which keeps real time at a time scale of 1.
+    pub fn wire(&self, camera: Box<dyn FrameCamera>) -> Box<dyn FrameCamera> {
+        Box::new(WiredCamera::new(Arc::clone(&self.rig), camera))
     }
 
     /// The event camera, if the cell has one.

@@ -305,6 +305,53 @@ impl FrameCamera for SimFrameCamera {
     }
 }
 
+/// A frame camera that is no part of the simulation, with its exposure signal on the simulated trigger wire.
+///
+/// It must keep the simulated time: its exposures are the edges that the simulated event camera sees.
+pub struct WiredCamera {
+    rig: Arc<Rig>,
+    camera: Box<dyn FrameCamera>,
+    /// Delivered, while the simulated time of the last window is not over.
+    delivered: Option<Vec<FrameImage>>,
+}
+
+impl WiredCamera {
+    /// Wires a camera to the rig.
+    pub fn new(rig: Arc<Rig>, camera: Box<dyn FrameCamera>) -> Self {
+        Self { rig, camera, delivered: None }
+    }
+}
+
+impl FrameCamera for WiredCamera {
+    fn facts(&self) -> CameraFacts {
+        self.camera.facts()
+    }
+
+    fn size(&self) -> [u32; 2] {
+        self.camera.size()
+    }
+
+    fn begin(&mut self, images: u32) -> Result<(), CameraError> {
+        self.delivered = None;
+        self.rig.set_burst(&[]);
+        self.camera.begin(images)
+    }
+
+    fn poll(&mut self) -> Result<Option<Vec<FrameImage>>, CameraError> {
+        if self.delivered.is_none() {
+            self.delivered = self.camera.poll()?;
+        }
+        let Some(images) = &self.delivered else { return Ok(None) };
+        let burst: Vec<_> = images.iter().map(|image| image.exposure).collect();
+        self.rig.set_burst(&burst);
+        Ok(if self.rig.is_over(&burst) { self.delivered.take() } else { None })
+    }
+
+    fn wants_pulse(&mut self) -> bool {
+        self.camera.wants_pulse()
+    }
+}
+
 /// The simulated event camera.
 pub struct SimEventCamera {
     rig: Arc<Rig>,
