@@ -51,7 +51,9 @@ impl List {
             return Ok(Exit::Ok);
         }
         if all.is_empty() {
-            super::progress::say("no GenICam camera answers; is it powered, in the same subnet, and no firewall between?");
+            super::progress::say(
+                "no GenICam camera answers; is it powered, in the same subnet, and no firewall between?",
+            );
         }
         for Found { vendor, model, serial, protocol, address, .. } in &all {
             super::print(&format!("{serial}  {vendor} {model}  {protocol}  {address}\n"))?;

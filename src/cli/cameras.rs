@@ -31,9 +31,7 @@ pub(super) fn open_frame(
     Ok(opened.map_err(CameraOpenError)?)
 }
 
-fn boxed(
-    opened: Result<Pictures, crate::devices::pictures::PicturesError>,
-) -> Result<Box<dyn FrameCamera>, String> {
+fn boxed(opened: Result<Pictures, crate::devices::pictures::PicturesError>) -> Result<Box<dyn FrameCamera>, String> {
     opened.map(|pictures| Box::new(pictures) as _).map_err(|e| e.to_string())
 }
 

@@ -54,7 +54,11 @@ impl Video {
 
     /// Opens a camera by its device, such as `/dev/video0`.
     pub fn open_device(device: &str) -> Result<Self, CvError> {
-        Self::open(device, videoio::CAP_V4L2, "no camera that Video4Linux can open; is it connected, and may you use it?")
+        Self::open(
+            device,
+            videoio::CAP_V4L2,
+            "no camera that Video4Linux can open; is it connected, and may you use it?",
+        )
     }
 
     fn open(name: &str, backend: i32, wrong: &str) -> Result<Self, CvError> {
@@ -75,7 +79,8 @@ impl Video {
         if let Some(gain) = settings.gain {
             asked(videoio::CAP_PROP_GAIN, gain)?;
         }
-        let known = |property| Ok::<_, CvError>(Some(self.capture.get(property)?).filter(|v| v.is_finite() && *v > 0.0));
+        let known =
+            |property| Ok::<_, CvError>(Some(self.capture.get(property)?).filter(|v| v.is_finite() && *v > 0.0));
         let size = [videoio::CAP_PROP_FRAME_WIDTH, videoio::CAP_PROP_FRAME_HEIGHT].map(known);
         let [width, height] = size;
         Ok(VideoRead {

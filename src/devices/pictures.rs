@@ -197,8 +197,12 @@ mod tests {
 
     #[test]
     fn names_are_in_the_order_of_their_numbers() {
-        let mut names = ["b1.png", "a10.png", "a9.png", "a09.png", "a2-10.png", "a2-9.png", "a.png", "A1.png", "10", "9"];
+        let mut names =
+            ["b1.png", "a10.png", "a9.png", "a09.png", "a2-10.png", "a2-9.png", "a.png", "A1.png", "10", "9"];
         names.sort_by_cached_key(|name| natural(name));
-        assert_eq!(names, ["9", "10", "A1.png", "a.png", "a2-9.png", "a2-10.png", "a09.png", "a9.png", "a10.png", "b1.png"]);
+        assert_eq!(
+            names,
+            ["9", "10", "A1.png", "a.png", "a2-9.png", "a2-10.png", "a09.png", "a9.png", "a10.png", "b1.png"]
+        );
     }
 }

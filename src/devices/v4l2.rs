@@ -91,7 +91,8 @@ fn feed(
                 intake.take(intake.now_s() - exposure_s, 0, || Ok(Some(image)));
             }
             Ok(Some(image)) => {
-                let why = format!("it sent an image of {}x{} pixels, not {}x{}", image.width, image.height, size[0], size[1]);
+                let why =
+                    format!("it sent an image of {}x{} pixels, not {}x{}", image.width, image.height, size[0], size[1]);
                 return intake.fail(why);
             }
             Ok(None) if empty + 1 < EMPTY_READS => empty += 1,

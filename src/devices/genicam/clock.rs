@@ -60,7 +60,8 @@ mod tests {
             let true_s = 0.1 * f64::from(i);
             let stamp_ns = 7_000_000_000_000 + (true_s * 1e9 * (1.0 + ppm * 1e-6)) as u64;
             // Most packets wait for less than a millisecond, some for long.
-            let wait_s = if random.random_bool(0.1) { random.random_range(0.0..0.08) } else { random.random_range(0.0..1e-3) };
+            let wait_s =
+                if random.random_bool(0.1) { random.random_range(0.0..0.08) } else { random.random_range(0.0..1e-3) };
             let found_s = clock.end_s(stamp_ns, true_s + least_s + wait_s) - least_s;
             if i >= 10 {
                 worst_s = worst_s.max((found_s - true_s).abs());

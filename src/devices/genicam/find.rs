@@ -115,7 +115,8 @@ mod tests {
         let both = || vec![found("A1"), found("B2")];
         assert_eq!(choose(both(), Some("B2")).unwrap().serial, "B2");
         assert_eq!(choose(vec![found("A1")], None).unwrap().serial, "A1");
-        let errors = [choose(both(), Some("C3")), choose(both(), None), choose(vec![], None), choose(vec![], Some("C3"))];
+        let errors =
+            [choose(both(), Some("C3")), choose(both(), None), choose(vec![], None), choose(vec![], Some("C3"))];
         let said = errors.map(|e| e.unwrap_err().to_string());
         let expected = [
             "no GenICam camera has the serial number C3; these answer: Maker M1 A1 at 10.0.0.2, Maker M1 B2 at 10.0.0.2",
