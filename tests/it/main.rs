@@ -8,8 +8,11 @@ mod cell_around;
 mod display_proof;
 mod faults;
 mod fuzz_corpus;
+#[cfg(feature = "genicam")]
+mod genicam;
 mod handheld;
 mod killed;
+mod pictures;
 mod real_data;
 mod resume;
 mod simulated_cell;

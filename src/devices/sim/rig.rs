@@ -14,6 +14,7 @@ use crate::devices::{
 };
 use crate::events::{EncodeError, Encoder, Event, Format, Trigger};
 use crate::geometry::{self, Base, Camera, Flange, Rgb, Target, Transform};
+use crate::image::GrayImage;
 use crate::session::{Exposure, Stamp};
 
 /// Length of the closing pulse, s.
@@ -186,6 +187,12 @@ impl Rig {
         self.truth.base_from_flange_at(at_s).ok_or_else(|| CameraError::Failed { camera, why: why() })
     }
 
+    /// What the frame camera takes from one time to another, s.
+    pub(super) fn image(&self, start_s: f64, end_s: f64) -> Result<GrayImage, CameraError> {
+        let pose = self.placement.rgb_from_target(self.flange_at(0.5 * (start_s + end_s), Camera::Rgb)?);
+        Ok(self.scene.expose(&pose, start_s, end_s - start_s))
+    }
+
     fn sensor_us(&self, host_us: i64) -> i64 {
         let rate = 1.0 + self.event_drift_ppm * 1e-6;
         (self.event_offset_s * 1e6 + host_us as f64 * rate).round() as i64
@@ -250,9 +257,7 @@ impl SimFrameCamera {
         if exposure.closing {
             return Ok(FrameImage { exposure: *exposure, image: None });
         }
-        let middle_s = 0.5 * (exposure.start_s + exposure.end_s);
-        let pose = self.rig.placement.rgb_from_target(self.rig.flange_at(middle_s, Camera::Rgb)?);
-        let image = self.rig.scene.expose(&pose, exposure.start_s, exposure.end_s - exposure.start_s);
+        let image = self.rig.image(exposure.start_s, exposure.end_s)?;
         Ok(FrameImage { exposure: *exposure, image: Some(image) })
     }
 }
