@@ -50,6 +50,8 @@ $(CLIENT)/ready:
 	$(CLIENT)/bin/pip install --quiet --disable-pip-version-check ur-rtde==$(UR_RTDE)
 	touch $@
 
-# Robot time of the 39 poses against fixed waits, in controller time: the profile does not matter.
+# Robot time of the 39 poses against fixed waits, in controller time: the profile does not matter. Then the event
+# decoders, optimised; with CELLCAL_DATA also on a real recording.
 bench: packages
 	cargo bench --locked --profile dev --bench session_time
+	cargo bench --locked --bench decode

@@ -38,6 +38,8 @@ fn data_begins_where_the_header_ends() {
         ("% evt 3.0\n% geometry 640x480\n", b"% \x00\x80\x0a\x60"),
         ("% evt 3.0\n% geometry 640x480\n", b"% cut before its end"),
         ("% evt 3.0\n% geometry 640x480\n", b""),
+        ("% evt 3.0\r\n% geometry 640x480\r\n% end\r\n", b"\x0a\x60"),
+        ("% evt 3.0\r\n% geometry 640x480\r\n", b"\x0d\x80\x0a\x60"),
     ] {
         let header = Header::parse(&[head.as_bytes(), data].concat()).unwrap();
         assert_eq!(header.len_bytes, head.len(), "{data:?}");

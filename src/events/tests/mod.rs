@@ -1,6 +1,8 @@
 //! Tests of reading and writing event data as a whole.
 
+mod cuts;
 mod header;
+mod plain_evt3;
 mod recordings;
 mod round_trip;
 mod words;
