@@ -3,6 +3,8 @@
 //! Uses `geometry` and `image`. Start at [`Board`]; [`View`] is what vision makes of an image.
 
 mod dictionaries;
+pub mod print;
+mod scale;
 mod view;
 
 pub use dictionaries::DICTIONARIES;

@@ -47,6 +47,19 @@ pub fn draw(board: &Board, px_per_square: u32) -> Result<GrayImage, CvError> {
     mat::to_gray(&image)
 }
 
+/// The markers of the board in the order of their ids, each with its black border, one pixel a module.
+pub fn markers(board: &Board) -> Result<Vec<GrayImage>, CvError> {
+    check_dictionary(board)?;
+    let dictionary = dictionary(&board.dictionary)?;
+    let side = dictionary.marker_size() + 2;
+    let draw = |id| {
+        let mut image = Mat::default();
+        dictionary.draw_marker(id, side, &mut image, 1)?;
+        mat::to_gray(&image)
+    };
+    (0..(board.squares_x * board.squares_y / 2) as i32).map(draw).collect()
+}
+
 /// What kind of image is looked at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Look {
@@ -178,6 +191,32 @@ mod tests {
             let truth = [x, y].map(|v| 50.0 + v / 0.012 * 60.0 - 0.5);
             let error = (corner.px[0] - truth[0]).hypot(corner.px[1] - truth[1]);
             assert!(error < 0.05, "corner {} is {error} px off", corner.id);
+        }
+    }
+
+    #[test]
+    fn at_whole_steps_every_module_has_the_same_pixels() {
+        for (dictionary, marker_m) in
+            [("DICT_4X4_50", 0.0096), ("DICT_6X6_250", 0.009), ("DICT_APRILTAG_36h11", 0.0096)]
+        {
+            let board = Board { dictionary: dictionary.into(), marker_m, ..board() };
+            let markers = markers(&board).unwrap();
+            let modules = markers[0].width;
+            let step = board.whole_px_step(modules as u32).unwrap() as usize;
+            for square in (1..=8).map(|n| n * step).filter(|px| *px >= 30) {
+                let image = draw(&board, square as u32).unwrap();
+                let side = (square as f64 * marker_m / 0.012).round() as usize;
+                let (module, margin) = (side / modules, (square - side) / 2);
+                // Marker 0 is in the second square of the first row, 1 to 2 in the fourth and sixth.
+                for (column, marker) in [1, 3, 5].into_iter().zip(&markers) {
+                    let at = |x: usize, y: usize| image.at(column * square + margin + x, margin + y);
+                    let right = (0..side * side).all(|i| {
+                        let (x, y) = (i % side, i / side);
+                        at(x, y) == marker.at(x / module, y / module)
+                    });
+                    assert!(right, "{dictionary} at {square} px: marker of column {column}");
+                }
+            }
         }
     }
 
