@@ -4,6 +4,11 @@
 # Both install the system packages they need with apt (as root, or through sudo) when they are missing.
 
 PACKAGES = libopencv-dev clang libclang-dev pkg-config
+# The tests look at the page of the target in a browser, at its videos and at its paper. Without them:
+# make test CELLCAL_CHROMIUM=no CELLCAL_FFMPEG=no CELLCAL_PDFTOPPM=no
+TEST_PACKAGES = $(if $(filter no,$(CELLCAL_CHROMIUM)),,chromium) $(if $(filter no,$(CELLCAL_FFMPEG)),,ffmpeg) \
+  $(if $(filter no,$(CELLCAL_PDFTOPPM)),,poppler-utils)
+export CELLCAL_CHROMIUM CELLCAL_FFMPEG CELLCAL_PDFTOPPM
 SUDO = $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
 # The tests drive the simulated controller with a client of others, in an environment of its own.
@@ -18,10 +23,15 @@ packages:
 	  echo "installing with apt: $(PACKAGES)"; \
 	  $(SUDO) apt-get update -qq && $(SUDO) apt-get install -y --no-install-recommends $(PACKAGES) >/dev/null; }
 
+test-packages: packages
+	@[ -z "$(strip $(TEST_PACKAGES))" ] || dpkg -s $(TEST_PACKAGES) >/dev/null 2>&1 || { \
+	  echo "installing with apt: $(TEST_PACKAGES)"; \
+	  $(SUDO) apt-get update -qq && $(SUDO) apt-get install -y --no-install-recommends $(TEST_PACKAGES) >/dev/null; }
+
 demo: packages
 	cargo run --locked --bin cellcal -- run cells/sim.yaml --time-scale max --output sessions/demo
 
-test: packages
+test: test-packages
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
 ifeq ($(UR_RTDE),no)

@@ -112,8 +112,7 @@ fn content(board: &Board, markers: &[GrayImage], [page_w, page_h]: [f64; 2]) -> 
             "ChArUco board, {} x {} squares of {square} mm, markers {marker} mm, {}",
             board.squares_x, board.squares_y, board.dictionary
         ),
-        "Print at 100 %, never fit to page. Both rulers are 100 mm long: square_mm = printed square x ruler / 100."
-            .to_owned(),
+        format!("Print at 100 %, never fit to page. Measure both rulers: square_mm = {square} x ruler / 100 mm."),
     ];
     for (line, y) in lines.iter().zip([MARGIN_MM + 9.0, MARGIN_MM + 4.5]) {
         let escaped = line.replace('\\', "\\\\").replace('(', "\\(").replace(')', "\\)");

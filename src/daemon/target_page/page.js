@@ -263,7 +263,7 @@ function choose(next) {
   const query = new URLSearchParams(changed.map((key) => [key, wish[key]]));
   window.history.replaceState(null, "", query.size ? `?${query}` : "./");
   for (const key of KEYS) form.elements[key].value = wish[key];
-  $("alpha").textContent = Number(wish.alpha).toFixed(2);
+  $("opacity").textContent = Number(wish.alpha).toFixed(2);
   restart();
 }
 
@@ -302,7 +302,7 @@ function listen() {
   $("full").addEventListener("click", enterFullScreen);
   $("leave").addEventListener("click", leaveMeasuring);
   $("stage").addEventListener("click", () => (phase === "blinking" || phase === "held") && stopped());
-  form.elements.alpha.addEventListener("input", () => ($("alpha").textContent = Number(form.elements.alpha.value).toFixed(2)));
+  form.elements.alpha.addEventListener("input", () => ($("opacity").textContent = Number(form.elements.alpha.value).toFixed(2)));
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     choose(Object.fromEntries(KEYS.map((key) => [key, form.elements[key].value.trim()])));
@@ -344,10 +344,10 @@ async function begin() {
   if (state === "a" || state === "b") wanted = state;
   if (asked.has("start")) wanted = "blink";
   for (const key of KEYS) form.elements[key].value = wish[key];
-  $("alpha").textContent = Number(wish.alpha).toFixed(2);
+  $("opacity").textContent = Number(wish.alpha).toFixed(2);
   missing();
   listen();
   requestAnimationFrame(refreshed);
 }
 
-begin().catch((error) => say(`The server does not answer: ${error.message}`, true));
+begin().catch((error) => say(`The page cannot start: ${error.message}`, true));
