@@ -4,10 +4,12 @@
 
 mod dictionaries;
 pub mod print;
+mod raster;
 mod scale;
 mod view;
 
 pub use dictionaries::DICTIONARIES;
+pub use raster::raster;
 pub use view::{Corner, View};
 
 use serde::{Deserialize, Serialize};

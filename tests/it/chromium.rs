@@ -26,6 +26,11 @@ pub(crate) struct Chromium {
 impl Chromium {
     /// `None` with a printed reason where the variable CELLCAL_CHROMIUM is `no`; a failure where there is none.
     pub(crate) fn start() -> Option<Self> {
+        Self::with_screen([1280, 800], 1.0)
+    }
+
+    /// A screen of this many points, with this many device pixels a point.
+    pub(crate) fn with_screen([width, height]: [u32; 2], ratio: f64) -> Option<Self> {
         if std::env::var("CELLCAL_CHROMIUM").is_ok_and(|v| v == "no") {
             eprintln!("skipped: CELLCAL_CHROMIUM=no, so there is no browser to test with");
             return None;
@@ -36,6 +41,7 @@ impl Chromium {
             .args(["--disable-background-networking", "--disable-component-update", "--disable-sync"])
             .args(["--force-color-profile=srgb", "--ignore-certificate-errors", "--remote-debugging-port=0"])
             .arg(format!("--user-data-dir={}", profile.path().display()))
+            .args([format!("--force-device-scale-factor={ratio}"), format!("--window-size={width},{height}")])
             .arg("about:blank")
             .stdin(Stdio::null())
             .stdout(Stdio::null())
@@ -59,6 +65,7 @@ impl Chromium {
         let attach = json!({ "targetId": target["targetId"], "flatten": true });
         browser.session = browser.call("Target.attachToTarget", attach)["sessionId"].as_str().map(str::to_owned);
         browser.call("Page.enable", json!({}));
+        browser.resize(width, height);
         Some(browser)
     }
 
@@ -85,9 +92,10 @@ impl Chromium {
         self.call("Page.addScriptToEvaluateOnNewDocument", json!({ "source": script }));
     }
 
-    /// Columns and rows in points, device pixels a point.
-    pub(crate) fn resize(&mut self, width: u32, height: u32, ratio: f64) {
-        let size = json!({ "width": width, "height": height, "deviceScaleFactor": ratio, "mobile": false });
+    /// Columns and rows in points.
+    pub(crate) fn resize(&mut self, width: u32, height: u32) {
+        // 0 leaves the real ratio, to which surfaces are drawn.
+        let size = json!({ "width": width, "height": height, "deviceScaleFactor": 0, "mobile": false });
         self.call("Emulation.setDeviceMetricsOverride", size);
     }
 

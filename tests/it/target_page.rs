@@ -203,7 +203,7 @@ fn dropped_refreshes_are_counted_and_another_rate_is_measured_anew() {
     }
     // Another size of the window, too.
     assert_eq!(measured_at(&mut chromium, &url, 60.0), "\"blinking\"");
-    chromium.resize(640, 400, 1.0);
+    chromium.resize(640, 400);
     chromium.until("cellcal.phase === 'measuring' && cellcal.panel_px[0] === 640");
     assert_eq!(chromium.value("cellcal.refresh_hz"), Value::Null);
     // Callbacks that come anyhow are no rate.
@@ -213,7 +213,7 @@ fn dropped_refreshes_are_counted_and_another_rate_is_measured_anew() {
 
 /// What the screen must show: the board in the middle of white.
 pub(crate) fn truth(board: &Board, px: u32, alpha: Option<f64>, [width, height]: [usize; 2]) -> GrayImage {
-    let mut drawn = charuco::draw(board, px).unwrap();
+    let mut drawn = board::raster(board, &charuco::markers(board).unwrap(), px);
     if let Some(alpha) = alpha {
         drawn = board::blend_with_white(&drawn, alpha);
     }
@@ -227,22 +227,22 @@ pub(crate) fn truth(board: &Board, px: u32, alpha: Option<f64>, [width, height]:
 
 #[test]
 fn both_states_are_our_images_pixel_for_pixel_on_any_screen() {
-    let Some(mut chromium) = Chromium::start() else { return };
     let server = Server::start(&["cells/handheld.yaml"]);
     let cell = cell();
     // A monitor, one at 125 %, the 3.5-inch panel, phones of 3 and 2.625 device pixels a point.
     let screens = [(1920, 1080, 1.0), (1536, 864, 1.25), (480, 320, 1.0), (844, 390, 3.0), (915, 412, 2.625)];
     for (width, height, ratio) in screens {
-        chromium.resize(width, height, ratio);
+        let Some(mut chromium) = Chromium::with_screen([width, height], ratio) else { return };
         for (key, alpha) in [("a", None), ("b", Some(cell.display.alpha))] {
             chromium.open(&format!("{}/?state={key}", server.url));
             chromium.until("window.cellcal && cellcal.phase === 'held'");
             let px = chromium.value("cellcal.board.px").as_u64().unwrap() as u32;
             assert_eq!(px % 15, 0, "whole pixels a module");
             let shown = chromium.screenshot();
-            let of_screen = |points: u32| f64::from(points) * ratio;
-            assert!((shown.width as f64 - of_screen(width)).abs() <= 1.0, "{} columns", shown.width);
-            assert!((shown.height as f64 - of_screen(height)).abs() <= 1.0, "{} rows", shown.height);
+            let of_screen = [width, height].map(|points| f64::from(points) * ratio);
+            for (found, truth) in [shown.width, shown.height].into_iter().zip(of_screen) {
+                assert!((found as f64 - truth).abs() <= 1.0, "{found} pixels, {truth} at a ratio of {ratio}");
+            }
             let truth = truth(&cell.board, px, alpha, [shown.width, shown.height]);
             let wrong = shown.pixels.iter().zip(&truth.pixels).filter(|(a, b)| a != b).count();
             assert_eq!(wrong, 0, "{width}x{height} at {ratio}, state {key}: pixels that differ");
@@ -254,7 +254,7 @@ fn both_states_are_our_images_pixel_for_pixel_on_any_screen() {
 fn another_board_is_drawn_and_what_cannot_be_is_refused_with_a_sentence() {
     let Some(mut chromium) = Chromium::start() else { return };
     let server = Server::start(&["--squares", "9x6", "--dictionary", "DICT_5X5_100", "--marker-mm", "8.4"]);
-    chromium.resize(1280, 800, 1.0);
+    chromium.resize(1280, 800);
     chromium.open(&format!("{}/?state=b&alpha=0.3&dictionary=DICT_6X6_250&marker_mm=9&squares_x=5", server.url));
     chromium.until("window.cellcal && cellcal.phase === 'held'");
     let board =
@@ -284,7 +284,7 @@ fn a_measured_size_reaches_the_file_and_the_terminal() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("display.json");
     let mut server = Server::start(&["cells/handheld.yaml", "-o", text(&file)]);
-    chromium.resize(800, 480, 1.0);
+    chromium.resize(800, 480);
     assert_eq!(measured_at(&mut chromium, &server.url.clone(), 60.0), "\"menu\"");
     chromium.value("document.getElementById('size').click()");
     // The row on the screen is 9 fields, black at both ends, of whole pixels.
@@ -429,4 +429,22 @@ fn https_shows_the_certificate_whose_fingerprint_is_printed() {
     let mut said = String::new();
     server.child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
     assert!(said.contains(shown.1.lock().unwrap().as_str()) && said.contains("SHA-256"), "{said}");
+}
+
+#[test]
+fn a_browser_that_does_not_say_where_its_pixels_are_is_refused_at_a_fractional_scale() {
+    // As Safari, which does not know this box.
+    let blind = "delete ResizeObserverEntry.prototype.devicePixelContentBoxSize;
+      const observe = ResizeObserver.prototype.observe;
+      ResizeObserver.prototype.observe = function (element) { return observe.call(this, element); };";
+    let server = Server::start(&["cells/handheld.yaml"]);
+    for (ratio, phase) in [(1.25, "menu"), (2.0, "held")] {
+        let Some(mut chromium) = Chromium::with_screen([800, 480], ratio) else { return };
+        chromium.before_pages(blind);
+        chromium.open(&format!("{}/?state=a", server.url));
+        chromium.until("window.cellcal && cellcal.phase !== 'loading'");
+        assert_eq!(chromium.value("cellcal.phase"), json!(phase), "{ratio}");
+        let refused = chromium.value("cellcal.message").as_str().unwrap().contains("1.25 device pixels a point");
+        assert_eq!(refused, phase == "menu");
+    }
 }

@@ -37,7 +37,7 @@ impl Png {
         let cell = config::parse_cell(&read_text(&self.cell)?, &self.cell.display().to_string())?;
         let board = &cell.board;
         let (px, fits) = self.px_per_square(board)?;
-        let pattern = centred(&charuco::draw(board, px)?, self.panel);
+        let pattern = centred(&board::raster(board, &charuco::markers(board)?, px), self.panel);
         let blended = board::blend_with_white(&pattern, cell.display.alpha);
         std::fs::create_dir_all(&self.output)?;
         let mut files = Vec::new();

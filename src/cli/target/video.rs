@@ -110,7 +110,8 @@ impl Video {
             return Err(UsageError(format!("--minutes {} is outside 0.01 to 240", self.minutes)).into());
         }
         let board = &shown.board;
-        let step = charuco::markers(board)?.first().and_then(|m| board.whole_px_step(m.width as u32)).unwrap_or(1);
+        let markers = charuco::markers(board)?;
+        let step = markers.first().and_then(|m| board.whole_px_step(m.width as u32)).unwrap_or(1);
         let fits = (w / (board.squares_x + 1)).min(h / (board.squares_y + 1));
         // Markers of whole pixels a module where there is room for them.
         let px = if fits >= step { fits / step * step } else { fits };
@@ -121,7 +122,7 @@ impl Video {
             ))
             .into());
         }
-        let pattern = centred(&charuco::draw(board, px)?, self.size);
+        let pattern = centred(&board::raster(board, &markers, px), self.size);
         let blended = board::blend_with_white(&pattern, shown.display.alpha);
         let per_cycle = self.fps as usize / 15;
         let images = (self.minutes * 60.0 * f64::from(self.fps)).ceil() as usize;

@@ -58,15 +58,16 @@ export function redrawMeasure() {
 
 function drawRows() {
   const [width, height] = pixels();
-  const squares = [width, height].map((n) => Math.floor((0.92 * n) / SQUARES));
-  lengths = squares.map((n) => n * SQUARES);
-  const [left, top] = [width, height].map((n, i) => Math.floor((n - lengths[i]) / 2));
   const thick = Math.floor(Math.min(width, height) / 14);
+  // Neither touches the other, so that every edge stands alone.
+  const from = thick + 16;
+  const squares = [width, height].map((n) => Math.floor((n - from - 8) / SQUARES));
+  lengths = squares.map((n) => n * SQUARES);
   drawBoth((context) => {
     context.fillStyle = "#000";
     for (let i = 0; i < SQUARES; i += 2) {
-      context.fillRect(left + i * squares[0], 4, squares[0], thick);
-      context.fillRect(4, top + i * squares[1], thick, squares[1]);
+      context.fillRect(from + i * squares[0], 4, squares[0], thick);
+      context.fillRect(4, from + i * squares[1], thick, squares[1]);
     }
   });
   $("how").textContent = `Hold the calliper over all ${SQUARES} fields of the row at the top, from the first black edge to the last, ` +
@@ -111,6 +112,7 @@ async function keep(event) {
   const [[x, y], [sx, sy]] = [found.square_mm, found.square_sigma_mm];
   $("measured").textContent = `Square ${x.toFixed(3)} ± ${sx.toFixed(3)} by ${y.toFixed(3)} ± ${sy.toFixed(3)} mm. ${found.notes.join(". ")}.`;
   $("lines").textContent = found.yaml;
+  $("lines").scrollIntoView();
   try {
     localStorage.setItem(key(), JSON.stringify(found));
   } catch {

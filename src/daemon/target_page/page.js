@@ -136,7 +136,7 @@ function measured(hz) {
   if (found.k === null) {
     const choice = offers.map((o) => `${o.toFixed(2)} Hz`).join(" or ");
     return stop(`${hz.toFixed(2)} refreshes a second cannot show ${wish.cycle_hz} cycles in whole refreshes. ` +
-      `Set the screen to 60 or 120 Hz, or use ${choice}; it goes into the cell as display.cycle_hz.`, true);
+      `Set the screen to a multiple of ${2 * Number(wish.cycle_hz)} Hz, or use ${choice}; it goes into the cell as display.cycle_hz.`, true);
   }
   rhythm = new Rhythm(hz, found.k);
   if (wanted !== "blink") {
@@ -166,6 +166,7 @@ function refreshed(stamp) {
 
 function hold() {
   show(wanted === "a" ? 0 : 1);
+  say(`Holding state ${wanted.toUpperCase()}.`);
   setPhase("held");
 }
 
@@ -234,7 +235,7 @@ function facts() {
     lines.push(["Square x", `${x.toFixed(3)} ± ${sx.toFixed(3)} mm`], ["Square y", `${y.toFixed(3)} ± ${sy.toFixed(3)} mm`]);
   } else lines.push(["Size", "not measured"]);
   if (setup && setup.panel_px && size && String(setup.panel_px) !== String(size)) {
-    lines.push(["Panel in the cell", `${setup.panel_px[0]} x ${setup.panel_px[1]} px`]);
+    lines.push(["Cell's panel", `${setup.panel_px[0]} x ${setup.panel_px[1]} px`]);
   }
   $("facts").replaceChildren(...lines.map(([name, value]) => {
     const [line, dt, dd] = ["div", "dt", "dd"].map((tag) => document.createElement(tag));

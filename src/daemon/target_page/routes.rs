@@ -13,7 +13,7 @@ use tokio::sync::Semaphore;
 use super::PageConfig;
 use super::guard::{self, Guard};
 use super::measured::Measurement;
-use super::wish::Wish;
+use super::wish::{Wish, WishError};
 use crate::board::{self, DICTIONARIES};
 use crate::cv::{CvError, charuco, codec};
 
@@ -60,8 +60,8 @@ fn wrong(status: StatusCode, said: impl ToString) -> Response {
 type Asked = Query<Vec<(String, String)>>;
 
 impl Page {
-    fn wish(&self, asked: &[(String, String)]) -> Result<Wish, Response> {
-        Wish::new(&self.config.board, &self.config.display, asked).map_err(|e| wrong(StatusCode::BAD_REQUEST, e))
+    fn wish(&self, asked: &[(String, String)]) -> Result<Wish, WishError> {
+        Wish::new(&self.config.board, &self.config.display, asked)
     }
 }
 
@@ -72,7 +72,7 @@ async fn setup(State(page): State<Page>) -> Response {
         "cell": cell,
         "squares_x": board.squares_x, "squares_y": board.squares_y, "dictionary": board.dictionary,
         // Millimetres that come from binary fractions of a metre.
-        "square_mm": (board.square_m * 1e9).round() * 1e-6, "marker_mm": (board.marker_m * 1e9).round() * 1e-6,
+        "square_mm": (board.square_m * 1e9).round() / 1e6, "marker_mm": (board.marker_m * 1e9).round() / 1e6,
         "alpha": display.alpha, "cycle_hz": display.cycle_hz, "panel_px": display.panel_px,
         "dictionaries": DICTIONARIES,
     }))
@@ -83,14 +83,14 @@ async fn setup(State(page): State<Page>) -> Response {
 async fn scale(State(page): State<Page>, Query(asked): Asked) -> Response {
     match page.wish(&asked) {
         Ok(wish) => Json(json!({ "modules": wish.modules, "step": wish.step })).into_response(),
-        Err(response) => response,
+        Err(error) => wrong(StatusCode::BAD_REQUEST, error),
     }
 }
 
 async fn image(State(page): State<Page>, Query(asked): Asked) -> Response {
     let wish = match page.wish(&asked) {
         Ok(wish) => wish,
-        Err(response) => return response,
+        Err(error) => return wrong(StatusCode::BAD_REQUEST, error),
     };
     let Some(px) = wish.px else { return wrong(StatusCode::BAD_REQUEST, "px, the pixels a square, is missing") };
     // Never closed.
@@ -103,7 +103,7 @@ async fn image(State(page): State<Page>, Query(asked): Asked) -> Response {
 }
 
 fn draw(wish: &Wish, px: u32) -> Result<Vec<u8>, CvError> {
-    let pattern = charuco::draw(&wish.board, px)?;
+    let pattern = board::raster(&wish.board, &charuco::markers(&wish.board)?, px);
     codec::encode_png(&if wish.blended { board::blend_with_white(&pattern, wish.alpha) } else { pattern })
 }
 
@@ -115,7 +115,7 @@ async fn measured(
 ) -> Response {
     let wish = match page.wish(&asked) {
         Ok(wish) => wish,
-        Err(response) => return response,
+        Err(error) => return wrong(StatusCode::BAD_REQUEST, error),
     };
     let measurement = match body {
         Ok(Json(measurement)) => measurement,

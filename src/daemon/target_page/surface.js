@@ -18,11 +18,15 @@ export function scaleProblem() {
 
 function exactSize(entry) {
   const exact = entry.devicePixelContentBoxSize && entry.devicePixelContentBoxSize[0];
-  if (exact) return [exact.inlineSize, exact.blockSize];
-  // Safari: only a whole ratio tells where device pixels are.
   const ratio = window.devicePixelRatio;
   const { width, height } = entry.contentRect;
   const found = [width * ratio, height * ratio];
+  if (exact) {
+    const size = [exact.inlineSize, exact.blockSize];
+    // Where both differ the picture is scaled on its way to the screen, as in the device view of developer tools.
+    return size.every((n, i) => Math.abs(n - found[i]) < 2) ? size : null;
+  }
+  // Safari: only a whole ratio tells where device pixels are.
   const whole = Number.isInteger(ratio) && found.every((n) => Math.abs(n - Math.round(n)) < 1e-3);
   return whole ? found.map(Math.round) : null;
 }

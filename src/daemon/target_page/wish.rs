@@ -81,7 +81,7 @@ impl Wish {
     }
 
     fn check_px(&self, px: u32) -> Result<(), WishError> {
-        if px < LEAST_PX || px % self.step != 0 {
+        if px < LEAST_PX || !px.is_multiple_of(self.step) {
             return Err(WishError::Px { px, step: self.step });
         }
         let [width, height] = [self.board.squares_x, self.board.squares_y].map(|n| n.saturating_mul(px));
