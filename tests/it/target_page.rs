@@ -260,7 +260,7 @@ fn another_board_is_drawn_and_what_cannot_be_is_refused_with_a_sentence() {
     let board =
         Board { squares_x: 5, squares_y: 6, square_m: 0.012, marker_m: 0.009, dictionary: "DICT_6X6_250".into() };
     let px = chromium.value("cellcal.board.px").as_u64().unwrap() as u32;
-    assert!(px >= 96 && px % 32 == 0, "{px}");
+    assert!(px >= 96 && px.is_multiple_of(32), "{px}");
     let shown = chromium.screenshot();
     assert!(shown == truth(&board, px, Some(0.3), [shown.width, shown.height]));
     for (query, said) in [

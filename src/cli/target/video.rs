@@ -141,6 +141,9 @@ impl Video {
             plan.image(index)
         };
         if video::encode_h264(output, plan.fps, plan.images, image)? {
+            say(
+                "note: OpenCV encodes slowly and blurs edges a little; with ffmpeg both are better: apt-get install ffmpeg",
+            );
             return Ok("OpenCV");
         }
         anyhow::bail!("this OpenCV has no encoder for H.264; install ffmpeg: apt-get install ffmpeg")

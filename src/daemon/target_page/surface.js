@@ -37,7 +37,7 @@ export function watch(changed) {
     const found = exactSize(entries[entries.length - 1]);
     problem = found
       ? null
-      : `This browser shows ${window.devicePixelRatio} device pixels a point and does not say where they are, so a ` +
+      : `This browser shows ${window.devicePixelRatio} device pixels a point but scales them or does not say where they are, so a ` +
         "square cannot have whole pixels: set the zoom of page and system to 100 %, or use another browser.";
     if (String(found) === String(size) && found) return;
     size = found;
