@@ -4,10 +4,15 @@
 # Both install the system packages they need with apt (as root, or through sudo) when they are missing.
 
 PACKAGES = libopencv-dev clang libclang-dev pkg-config
-# GenICam cameras, and a network of its own for the camera of the tests.
-GENICAM_PACKAGES = libaravis-dev libusb-1.0-0-dev libxml2-dev iproute2
 # What is checked and tested: all drivers.
-FEATURES = genicam
+FEATURES = genicam,evk4
+# GenICam cameras, and a network of its own for the camera of the tests. The tests also look at the page of the target
+# in a browser, at its videos and at its paper. Without those:
+# make test CELLCAL_CHROMIUM=no CELLCAL_FFMPEG=no CELLCAL_PDFTOPPM=no
+TEST_PACKAGES = libaravis-dev libusb-1.0-0-dev libxml2-dev iproute2 \
+  $(if $(filter no,$(CELLCAL_CHROMIUM)),,chromium) $(if $(filter no,$(CELLCAL_FFMPEG)),,ffmpeg) \
+  $(if $(filter no,$(CELLCAL_PDFTOPPM)),,poppler-utils)
+export CELLCAL_CHROMIUM CELLCAL_FFMPEG CELLCAL_PDFTOPPM
 SUDO = $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
 # The tests drive the simulated controller with a client of others, in an environment of its own.
@@ -23,9 +28,9 @@ packages:
 	  $(SUDO) apt-get update -qq && $(SUDO) apt-get install -y --no-install-recommends $(PACKAGES) >/dev/null; }
 
 test-packages: packages
-	@dpkg -s $(GENICAM_PACKAGES) >/dev/null 2>&1 || { \
-	  echo "installing with apt: $(GENICAM_PACKAGES)"; \
-	  $(SUDO) apt-get update -qq && $(SUDO) apt-get install -y --no-install-recommends $(GENICAM_PACKAGES) >/dev/null; }
+	@dpkg -s $(TEST_PACKAGES) >/dev/null 2>&1 || { \
+	  echo "installing with apt: $(TEST_PACKAGES)"; \
+	  $(SUDO) apt-get update -qq && $(SUDO) apt-get install -y --no-install-recommends $(TEST_PACKAGES) >/dev/null; }
 
 demo: packages
 	cargo run --locked --bin cellcal -- run cells/sim.yaml --time-scale max --output sessions/demo

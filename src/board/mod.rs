@@ -3,9 +3,13 @@
 //! Uses `geometry` and `image`. Start at [`Board`]; [`View`] is what vision makes of an image.
 
 mod dictionaries;
+pub mod print;
+mod raster;
+mod scale;
 mod view;
 
 pub use dictionaries::DICTIONARIES;
+pub use raster::raster;
 pub use view::{Corner, View};
 
 use serde::{Deserialize, Serialize};

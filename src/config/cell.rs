@@ -296,6 +296,27 @@ pub struct DisplayCell {
     /// Columns and rows of the panel.
     #[garde(skip)]
     pub panel_px: Option<[u32; 2]>,
+    /// Side of a square as measured along x and y of the board, millimetres; `board.square_mm` is their mean.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[garde(skip)]
+    pub square_xy_mm: Option<[f64; 2]>,
+    /// Standard uncertainty of these two, millimetres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[garde(skip)]
+    pub square_sigma_mm: Option<[f64; 2]>,
+}
+
+impl Default for DisplayCell {
+    fn default() -> Self {
+        Self {
+            alpha: default_alpha(),
+            cycle_hz: default_cycle_hz(),
+            refresh_hz: default_refresh_hz(),
+            panel_px: None,
+            square_xy_mm: None,
+            square_sigma_mm: None,
+        }
+    }
 }
 
 fn default_alpha() -> f64 {

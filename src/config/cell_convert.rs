@@ -22,6 +22,7 @@ pub(super) fn cell(file: CellFile, findings: &mut Findings<'_>) -> Cell {
     check_trigger(&file, findings);
     let has_arm = file.robot.arm().is_some();
     let board = board(file.board, findings);
+    check_square(&file.display, board.square_m * 1e3, findings);
     let checks =
         ChecksCell { corner_id: file.checks.corner_id, target_to_tcp_m: file.checks.target_to_tcp_mm.map(metres) };
     // A board with too few squares has no corners to count.
@@ -127,6 +128,26 @@ fn check_display(display: &DisplayCell, findings: &mut Findings<'_>) {
     }
     if display.panel_px.is_some_and(|px| px.iter().any(|n| !(16..=16384).contains(n))) {
         findings.add("display.panel_px", "is outside 16 to 16384 columns and rows");
+    }
+}
+
+/// The measured squares must be those of the board: a wrong scale goes one to one into every distance.
+fn check_square(display: &DisplayCell, square_mm: f64, findings: &mut Findings<'_>) {
+    let all_within = |values: [f64; 2], low: f64, high: f64| values.iter().all(|v| (low..=high).contains(v));
+    if display.square_sigma_mm.is_some_and(|s| !all_within(s, 0.0, 10.0)) {
+        findings.add("display.square_sigma_mm", "is outside 0 to 10 mm");
+    }
+    let Some(xy) = display.square_xy_mm else { return };
+    if !all_within(xy, 1.0, 1000.0) {
+        return findings.add("display.square_xy_mm", "is outside 1 to 1000 mm");
+    }
+    let mean_mm = (xy[0] + xy[1]) / 2.0;
+    // Numbers are written with four decimals.
+    if (mean_mm - square_mm).abs() > 1e-3 {
+        findings.add(
+            "display.square_xy_mm",
+            format!("has the mean {mean_mm:.4}, but board.square_mm is {square_mm:.4}: put the mean of what was measured there"),
+        );
     }
 }
 

@@ -168,7 +168,7 @@ fn keys_that_are_missing_doubled_or_unknown() {
     cell_says(
         "cycle_hz: 15",
         "cycle_h: 15",
-        "cells/a.yaml:10:23: unknown key `cycle_h` in `display`: did you mean `cycle_hz`? (known: alpha, cycle_hz, refresh_hz, panel_px)",
+        "cells/a.yaml:10:23: unknown key `cycle_h` in `display`: did you mean `cycle_hz`? (known: alpha, cycle_hz, refresh_hz, panel_px, square_xy_mm, square_sigma_mm)",
     );
     cell_says(
         "square_mm: 8.8",

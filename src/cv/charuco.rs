@@ -47,6 +47,19 @@ pub fn draw(board: &Board, px_per_square: u32) -> Result<GrayImage, CvError> {
     mat::to_gray(&image)
 }
 
+/// The markers of the board in the order of their ids, each with its black border, one pixel a module.
+pub fn markers(board: &Board) -> Result<Vec<GrayImage>, CvError> {
+    check_dictionary(board)?;
+    let dictionary = dictionary(&board.dictionary)?;
+    let side = dictionary.marker_size() + 2;
+    let draw = |id| {
+        let mut image = Mat::default();
+        dictionary.draw_marker(id, side, &mut image, 1)?;
+        mat::to_gray(&image)
+    };
+    (0..(board.squares_x * board.squares_y / 2) as i32).map(draw).collect()
+}
+
 /// What kind of image is looked at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Look {
@@ -152,6 +165,7 @@ fn dictionary(name: &str) -> Result<Ptr<aruco::Dictionary>, CvError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::board;
 
     fn board() -> Board {
         Board { squares_x: 7, squares_y: 5, square_m: 0.012, marker_m: 0.0096, dictionary: "DICT_4X4_50".into() }
@@ -159,7 +173,10 @@ mod tests {
 
     /// The drawn board on a white ground, shifted by `at` pixels.
     fn drawn(at: usize) -> GrayImage {
-        let pattern = draw(&board(), 60).unwrap();
+        around(&draw(&board(), 60).unwrap(), at)
+    }
+
+    fn around(pattern: &GrayImage, at: usize) -> GrayImage {
         let mut image = GrayImage::filled(pattern.width + 2 * at, pattern.height + 2 * at, 255);
         for y in 0..pattern.height {
             let row = &pattern.pixels[y * pattern.width..][..pattern.width];
@@ -170,7 +187,14 @@ mod tests {
 
     #[test]
     fn every_corner_of_a_drawn_board_is_found_where_it_was_drawn() {
-        let view = find_corners(&board(), &drawn(50), Look::Frame).unwrap();
+        let ours = board::raster(&board(), &markers(&board()).unwrap(), 60);
+        for image in [drawn(50), around(&ours, 50)] {
+            assert_corners(&image);
+        }
+    }
+
+    fn assert_corners(image: &GrayImage) {
+        let view = find_corners(&board(), image, Look::Frame).unwrap();
         assert_eq!(view.corners.len(), 24, "{:?}", view.corners);
         for corner in &view.corners {
             // A square border lies between two pixels: half a pixel before the first pixel of the next square.
@@ -178,6 +202,41 @@ mod tests {
             let truth = [x, y].map(|v| 50.0 + v / 0.012 * 60.0 - 0.5);
             let error = (corner.px[0] - truth[0]).hypot(corner.px[1] - truth[1]);
             assert!(error < 0.05, "corner {} is {error} px off", corner.id);
+        }
+    }
+
+    #[test]
+    fn our_raster_is_the_board_of_opencv_with_every_marker_in_its_place() {
+        for (dictionary, marker_m) in
+            [("DICT_4X4_50", 0.0096), ("DICT_6X6_250", 0.009), ("DICT_APRILTAG_36h11", 0.0096)]
+        {
+            let board = Board { dictionary: dictionary.into(), marker_m, ..board() };
+            let markers = markers(&board).unwrap();
+            let modules = markers[0].width;
+            let step = board.whole_px_step(modules as u32).unwrap();
+            for px in (1..=8).map(|n| n * step).filter(|px| *px >= 30) {
+                let (ours, theirs) = (board::raster(&board, &markers, px), draw(&board, px).unwrap());
+                assert_eq!((ours.width, ours.height), (theirs.width, theirs.height));
+                let px = px as usize;
+                let side = (px as f64 * marker_m / 0.012).round() as usize;
+                let (module, margin) = (side / modules, (px - side) / 2);
+                // A marker in every second square; the middle of a module is the same whether it is a pixel off or not.
+                let squares = (0..35).map(|i| (i % 7, i / 7)).filter(|(x, y)| (x + y) % 2 == 1);
+                for ((x, y), marker) in squares.zip(&markers) {
+                    let differs = |i: usize| {
+                        let (u, v) = (i % side, i / side);
+                        ours.at(x * px + margin + u, y * px + margin + v) != marker.at(u / module, v / module)
+                    };
+                    assert!(!(0..side * side).any(differs), "{dictionary} at {px} px, square {x} {y}");
+                    for (i, truth) in marker.pixels.iter().enumerate() {
+                        let middle = |i: usize| margin + i * module + module / 2;
+                        let (u, v) = (x * px + middle(i % modules), y * px + middle(i / modules));
+                        assert_eq!(theirs.at(u, v), *truth, "{dictionary} at {px} px: OpenCV's marker in {x} {y}");
+                    }
+                }
+                let near = ours.pixels.iter().zip(&theirs.pixels).filter(|(a, b)| a == b).count();
+                assert!(near as f64 > 0.9 * ours.pixels.len() as f64);
+            }
         }
     }
 

@@ -8,6 +8,7 @@ pub mod codec;
 mod mat;
 pub mod solve;
 pub mod video;
+pub mod video_file;
 
 /// What OpenCV could not do.
 #[derive(Debug, thiserror::Error)]

@@ -194,7 +194,7 @@ impl Evt3 {
             let word = u16::from_le_bytes(*word);
             let kind = usize::from(word >> 12);
             let Place { factor, field } = PLACES[kind];
-            row = row & !field | u64::from(word) * factor & field;
+            row = (row & !field) | ((u64::from(word) * factor) & field);
             room.put(len, row | column_and_polarity(word));
             len += usize::from(kind == SINGLE);
             // One condition, because TIME_HIGH words are many and nearly all of them repeat the last one.

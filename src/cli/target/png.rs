@@ -1,30 +1,25 @@
-//! `cellcal target`: the images that the display shows.
+//! `cellcal target png`: the two images at a panel's own resolution.
 
 use std::path::PathBuf;
 
-use clap::{Args, Subcommand};
+use clap::Args;
 
-use super::exit::UsageError;
-use super::progress::say;
-use super::{Exit, print, read_text};
+use super::options::size;
 use crate::board;
+use crate::cli::exit::UsageError;
+use crate::cli::progress::say;
+use crate::cli::{Exit, print, read_text};
 use crate::config;
 use crate::cv::{charuco, codec};
 use crate::image::GrayImage;
 
-/// Makes the images that the display shows.
-#[derive(Debug, Subcommand)]
-pub(super) enum Target {
-    /// Two PNGs at the panel's own resolution: the pattern and the blended state.
-    Png(Png),
-}
-
+/// Two PNGs at the panel's own resolution: the pattern and the blended state.
 #[derive(Debug, Args)]
-pub(super) struct Png {
+pub(in crate::cli) struct Png {
     /// The cell whose board and opacity to draw.
     cell: PathBuf,
     /// Panel size in pixels, such as 800x480.
-    #[arg(long, value_parser = panel)]
+    #[arg(long, visible_alias = "size", value_parser = size)]
     panel: [u32; 2],
     /// Pixel pitch of the panel in mm; makes the squares as large as the cell says. Without it they fill the panel.
     #[arg(long)]
@@ -37,27 +32,12 @@ pub(super) struct Png {
     json: bool,
 }
 
-fn panel(text: &str) -> Result<[u32; 2], String> {
-    let sizes: Vec<u32> = text.split('x').filter_map(|n| n.parse().ok()).collect();
-    match sizes.as_slice() {
-        &[w, h] if (16..=16384).contains(&w) && (16..=16384).contains(&h) => Ok([w, h]),
-        _ => Err(format!("`{text}` is no panel size; expected WIDTHxHEIGHT in pixels, 16 to 16384, such as 800x480")),
-    }
-}
-
-impl Target {
-    pub(super) fn execute(self) -> anyhow::Result<Exit> {
-        let Self::Png(png) = self;
-        png.execute()
-    }
-}
-
 impl Png {
-    fn execute(self) -> anyhow::Result<Exit> {
+    pub(super) fn execute(self) -> anyhow::Result<Exit> {
         let cell = config::parse_cell(&read_text(&self.cell)?, &self.cell.display().to_string())?;
         let board = &cell.board;
         let (px, fits) = self.px_per_square(board)?;
-        let pattern = centred(&charuco::draw(board, px)?, self.panel);
+        let pattern = centred(&board::raster(board, &charuco::markers(board)?, px), self.panel);
         let blended = board::blend_with_white(&pattern, cell.display.alpha);
         std::fs::create_dir_all(&self.output)?;
         let mut files = Vec::new();
@@ -114,7 +94,7 @@ impl Png {
 }
 
 /// The board in the middle of a white panel.
-fn centred(board: &GrayImage, [width, height]: [u32; 2]) -> GrayImage {
+pub(super) fn centred(board: &GrayImage, [width, height]: [u32; 2]) -> GrayImage {
     let mut panel = GrayImage::filled(width as usize, height as usize, 255);
     let (x0, y0) = ((panel.width - board.width) / 2, (panel.height - board.height) / 2);
     for (row, line) in board.pixels.chunks(board.width).enumerate() {
