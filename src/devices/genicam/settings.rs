@@ -136,10 +136,10 @@ impl Setter<'_> {
         }
         let wanted_s = self.cell.exposure_s;
         let (least_us, most_us) = camera.exposure_time_bounds().map_err(refused("its exposure times"))?;
-        let bounds_s = [least_us * 1e-6, most_us * 1e-6];
+        let bounds_s = [least_us / 1e6, most_us / 1e6];
         within("exposure_s", wanted_s, bounds_s)?;
         camera.set_exposure_time(wanted_s * 1e6).map_err(refused("the exposure time"))?;
-        let set_s = camera.exposure_time().map_err(refused("its exposure time"))? * 1e-6;
+        let set_s = camera.exposure_time().map_err(refused("its exposure time"))? / 1e6;
         near("exposure_s", wanted_s, set_s)
     }
 

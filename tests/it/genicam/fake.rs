@@ -11,6 +11,11 @@ use aravis_sys as sys;
 /// Set in the process that runs a test in a network of its own.
 const ALONE: &str = "CELLCAL_TEST_NETWORK_OF_ITS_OWN";
 
+/// Registers of the fake camera, and its number for a trigger by command.
+const TRIGGER_SOURCE: u32 = 0x304;
+const TRIGGER_SOFTWARE: u32 = 0x30c;
+const SOFTWARE: u32 = 1;
+
 /// Runs the body of the test `name` in a process and a network of its own, where there is nothing but `lo`.
 ///
 /// Cameras are looked for by broadcast on every interface: outside such a network these tests refuse to run.
@@ -69,6 +74,24 @@ impl FakeCamera {
         Self { camera: Some(camera), painter }
     }
 
+    /// Connects its trigger input to [`FakeCamera::pulse`]: it has none, so its own trigger command stands in.
+    pub(super) fn connect_line(&self) {
+        self.write(TRIGGER_SOURCE, SOFTWARE);
+    }
+
+    /// A pulse at its trigger input.
+    pub(super) fn pulse(&self) {
+        self.write(TRIGGER_SOFTWARE, 1);
+    }
+
+    #[expect(unsafe_code, reason = "the crate aravis leaves registers out")]
+    fn write(&self, address: u32, value: u32) {
+        let fake = self.camera.as_ref().unwrap().fake_camera().unwrap();
+        // SAFETY: a register of a camera that lives; it locks by itself.
+        let written = unsafe { sys::arv_fake_camera_write_register(fake.to_glib_none().0, address, value) };
+        assert_ne!(written, 0, "the register {address:#x} cannot be written");
+    }
+
     /// Loses this part of the packets on the way.
     pub(super) fn lose(&self, part: f64) {
         self.camera.as_ref().unwrap().set_gvsp_lost_ratio(part);
@@ -86,10 +109,14 @@ impl Drop for FakeCamera {
 
 #[expect(unsafe_code, reason = "called by a C library")]
 unsafe extern "C" fn paint(buffer: *mut sys::ArvBuffer, painter: *mut c_void, _: u32, _: u32, _: sys::ArvPixelFormat) {
-    let mut size = 0;
-    // SAFETY: the buffer is being filled by the caller and nobody else; the painter lives, see `FakeCamera::of`.
+    // What has been filled so far: nothing.
+    let mut unused = 0;
+    // SAFETY: the buffer is being filled by the caller and nobody else, and has a byte for each pixel of Mono8; the
+    // painter lives, see `FakeCamera::of`.
     let (pixels, painter) = unsafe {
-        let data = sys::arv_buffer_get_data(buffer, &raw mut size);
+        let data = sys::arv_buffer_get_data(buffer, &raw mut unused);
+        let [width, height] = [sys::arv_buffer_get_image_width(buffer), sys::arv_buffer_get_image_height(buffer)];
+        let size = usize::try_from(width * height).unwrap_or(0);
         (std::slice::from_raw_parts_mut(data, size), &mut *painter.cast::<Painter>())
     };
     painter(pixels);

@@ -50,9 +50,6 @@ fn counting(serial: &str) -> (FakeCamera, Arc<AtomicU32>) {
 fn wait(camera: &mut dyn FrameCamera) -> Result<Vec<FrameImage>, CameraError> {
     let patient = Instant::now() + Duration::from_secs(60);
     while Instant::now() < patient {
-        if camera.wants_pulse() {
-            eprintln!("pulse");
-        }
         if let Some(images) = camera.poll()? {
             return Ok(images);
         }
@@ -159,7 +156,7 @@ fn free_running_the_next_exposures_arrive_in_order() {
             let numbers = numbers(&taken);
             assert_eq!(numbers.len(), images as usize);
             assert!(numbers.windows(2).all(|pair| pair[1] == pair[0].wrapping_add(1)), "{numbers:?}");
-            assert!(numbers[0] >= (before - 1) as u8, "image {} was made before the capture began", numbers[0]);
+            assert!(u32::from(numbers[0]) + 1 >= before, "image {} was made before the capture began", numbers[0]);
             for pair in taken.windows(2) {
                 let apart_s = pair[1].exposure.start_s - pair[0].exposure.start_s;
                 // A camera in a process on a busy machine is not punctual; its stamps say so.
@@ -189,16 +186,28 @@ fn a_command_begins_each_exposure_and_one_more_closes() {
 #[test]
 fn a_pulse_is_asked_for_where_the_robot_triggers() {
     alone("a_pulse_is_asked_for_where_the_robot_triggers", || {
-        // The fake camera pulses its line by itself.
-        let (_fake, _) = counting("GVTEST");
+        let (fake, made) = counting("GVTEST");
         let mut camera = open(&camera(|c| c.trigger = FrameTrigger::RobotOutput(3)));
         assert_eq!(camera.facts().settings["trigger"], "Line0");
         assert!(!camera.wants_pulse(), "no capture, no pulse");
         camera.begin(2).unwrap();
         assert!(camera.wants_pulse() && !camera.wants_pulse(), "one pulse at a time");
-        let taken = wait(&mut *camera).unwrap();
+        let unwired = wait(&mut *camera).unwrap_err().to_string();
+        assert!(unwired.contains("digital output 3 of the robot; is that output wired to Line0?"), "{unwired}");
+
+        fake.connect_line();
+        camera.begin(2).unwrap();
+        let taken = loop {
+            if camera.wants_pulse() {
+                fake.pulse();
+            }
+            if let Some(taken) = camera.poll().unwrap() {
+                break taken;
+            }
+        };
         assert_eq!(taken.iter().map(|i| i.exposure.closing).collect::<Vec<_>>(), [false, false, true]);
-        assert_eq!(numbers(&taken).len(), 2);
+        assert_eq!(numbers(&taken), [0, 1]);
+        assert_eq!(made.load(Ordering::SeqCst), 3, "one exposure a pulse");
     });
 }
 
