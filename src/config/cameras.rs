@@ -95,8 +95,6 @@ pub struct EventCameraCell {
     pub biases: Biases,
     /// Filters of the sensor.
     pub filters: Filters,
-    /// Which events are kept.
-    pub record: Record,
 }
 
 /// Drivers of event cameras.
@@ -175,15 +173,4 @@ pub struct Filters {
     /// Anti-flicker filter: changes between these frequencies are dropped, Hz.
     #[garde(inner(inner(range(min = 50.0, max = 520.0))))]
     pub anti_flicker_hz: Option<[f64; 2]>,
-}
-
-/// Which events are kept.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Record {
-    /// From 0.2 s before a capture to its closing edge.
-    #[default]
-    Captures,
-    /// Everything from the first pose to the last.
-    Always,
 }

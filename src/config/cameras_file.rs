@@ -4,9 +4,7 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::cameras::{
-    Biases, EventCameraCell, EventDriver, Filters, FrameCameraCell, FrameDriver, FrameTrigger, Record,
-};
+use super::cameras::{Biases, EventCameraCell, EventDriver, Filters, FrameCameraCell, FrameDriver, FrameTrigger};
 use super::error::Findings;
 
 /// The frame camera.
@@ -110,9 +108,6 @@ pub(super) struct EventCameraFile {
     #[serde(default)]
     #[garde(dive)]
     pub(super) filters: Filters,
-    /// `captures` or `always`.
-    #[serde(default)]
-    pub(super) record: Record,
 }
 
 pub(super) fn frame_camera(file: FrameCameraFile, findings: &mut Findings<'_>) -> FrameCameraCell {
@@ -197,7 +192,6 @@ pub(super) fn event_camera(file: EventCameraFile, findings: &mut Findings<'_>) -
         trigger_channel: file.trigger_channel,
         biases: file.biases,
         filters: file.filters,
-        record: file.record,
     }
 }
 
