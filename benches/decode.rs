@@ -163,7 +163,7 @@ fn recording(count: usize) -> Option<(Vec<u8>, usize)> {
     let file = std::fs::read(path).unwrap();
     let once = &file[Header::parse(&file).unwrap().len_bytes..];
     let highs = || once.as_chunks().0.iter().map(|word| u16::from_le_bytes(*word)).filter(|word| word >> 12 == 8);
-    let (first, last) = (highs().next().unwrap() & 0xfff, highs().last().unwrap() & 0xfff);
+    let (first, last) = (highs().next().unwrap() & 0xfff, highs().next_back().unwrap() & 0xfff);
     let (mut events, mut triggers) = (Vec::new(), Vec::new());
     Decoder::new(Format::Evt3).decode(once, &mut events, &mut triggers);
     let times = count.div_ceil(events.len());
