@@ -38,6 +38,6 @@ mod tests {
         assert_eq!(board(0.0096).whole_px_step(6), Some(15));
         assert_eq!(board(0.0096).whole_px_step(8), Some(10));
         assert_eq!(board(0.009).whole_px_step(6), Some(8));
-        assert_eq!(board(0.012 * std::f64::consts::FRAC_1_SQRT_2 * 1.01).whole_px_step(6), None);
+        assert_eq!(board(0.008611).whole_px_step(6), None);
     }
 }

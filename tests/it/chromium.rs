@@ -40,6 +40,8 @@ impl Chromium {
             .args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"])
             .args(["--disable-background-networking", "--disable-component-update", "--disable-sync"])
             .args(["--force-color-profile=srgb", "--ignore-certificate-errors", "--remote-debugging-port=0"])
+            // A name that is not of this machine, as other devices see it: no secure context without https.
+            .arg("--host-resolver-rules=MAP bench.test 127.0.0.1")
             .arg(format!("--user-data-dir={}", profile.path().display()))
             .args([format!("--force-device-scale-factor={ratio}"), format!("--window-size={width},{height}")])
             .arg("about:blank")

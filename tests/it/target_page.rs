@@ -432,6 +432,23 @@ fn https_shows_the_certificate_whose_fingerprint_is_printed() {
 }
 
 #[test]
+fn another_device_is_told_what_http_lacks_and_has_it_with_https() {
+    let Some(mut chromium) = Chromium::start() else { return };
+    for (https, secure) in [(&[][..], false), (&["--https"][..], true)] {
+        let server = Server::start(&[&["cells/handheld.yaml", "--name", "bench.test"], https].concat());
+        chromium.open(&server.url.replace("127.0.0.1", "bench.test"));
+        chromium.until("window.cellcal && cellcal.phase !== 'loading'");
+        assert_eq!(chromium.value("isSecureContext"), json!(secure));
+        assert_eq!(chromium.value("'wakeLock' in navigator"), json!(secure));
+        let missing = chromium.value("document.getElementById('missing').textContent");
+        let missing = missing.as_str().unwrap();
+        assert_eq!(missing.contains("wake lock"), !secure, "{missing}");
+        assert_eq!(missing.contains("start it with --https"), !secure, "{missing}");
+        assert_eq!(missing.contains("cellcal target video"), !secure, "{missing}");
+    }
+}
+
+#[test]
 fn a_browser_that_does_not_say_where_its_pixels_are_is_refused_at_a_fractional_scale() {
     // As Safari, which does not know this box.
     let blind = "delete ResizeObserverEntry.prototype.devicePixelContentBoxSize;

@@ -147,7 +147,7 @@ mod tests {
             (("px", "4294967295"), "more than an image may have"),
             (("state", "c"), "`pattern` or `blended`"),
             (("colour", "red"), "nothing that can be chosen"),
-            (("marker_mm", "8.571"), "no scale at which"),
+            (("marker_mm", "8.611"), "no scale at which"),
         ] {
             let error = wish(&[asked]).unwrap_err().to_string();
             assert!(error.contains(said), "{asked:?}: {error}");
