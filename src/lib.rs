@@ -25,6 +25,7 @@
 //! | `recording` | a session as an MCAP file: writer, reader, damage; import of foreign data sets |
 //! | `runner` | the one loop and its two worlds, live and replay; then vision and calibration on what was seen |
 //! | `report` | a finished calibration for people: terminal and HTML |
+//! | `daemon` | pages over HTTP: the display for any screen, live views of the cameras |
 //! | `cli` | one file per subcommand |
 //!
 //! # Three rules
@@ -50,6 +51,7 @@ pub mod calibration;
 pub mod cli;
 pub mod config;
 pub mod cv;
+pub mod daemon;
 pub mod devices;
 pub mod events;
 pub mod geometry;

@@ -68,6 +68,19 @@ impl Format {
     }
 }
 
+impl Format {
+    /// The format that the `encoding` of an event camera names; `evt21_legacy` has the halves of its words exchanged.
+    ///
+    /// # Errors
+    /// [`RawError::UnknownFormat`] with the name.
+    pub fn from_encoding(encoding: &str) -> Result<Self, RawError> {
+        match encoding {
+            "evt21_legacy" => Ok(Self::Evt21 { legacy_halves: true }),
+            name => Self::from_name(name),
+        }
+    }
+}
+
 impl fmt::Display for Format {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())

@@ -245,7 +245,7 @@ impl Cameras {
 
 /// The events of some packets, in order of arrival.
 pub(super) fn decoded(packets: &[RawEvents], encoding: &str) -> Vec<Event> {
-    let format = Format::from_name(encoding).unwrap_or(Format::Evt3);
+    let format = Format::from_encoding(encoding).unwrap_or(Format::Evt3);
     let (mut decoder, mut events) = (Decoder::new(format), Events(Vec::new()));
     if let Some(first) = packets.first() {
         decoder.set_epoch_us(first.first_us);

@@ -7,6 +7,7 @@
 mod capture;
 mod handheld;
 mod live;
+mod look;
 mod options;
 mod past;
 mod pixels;
@@ -16,6 +17,7 @@ pub mod solve;
 
 pub use handheld::{CameraDevices, HandheldLive, Rest};
 pub use live::{Devices, Live, LiveError, Nobody, Operator, Told};
+pub use look::{EventLook, Looked, Looking};
 pub use options::RunOptions;
 pub use past::{Past, PastError};
 pub use replay::{Diverged, Replay};

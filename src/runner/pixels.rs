@@ -426,8 +426,5 @@ fn decode<S: crate::events::Sink>(
 }
 
 fn format(encoding: &str) -> Result<Format, String> {
-    if encoding == "evt21_legacy" {
-        return Ok(Format::Evt21 { legacy_halves: true });
-    }
-    Format::from_name(encoding).map_err(|e| e.to_string())
+    Format::from_encoding(encoding).map_err(|e| e.to_string())
 }

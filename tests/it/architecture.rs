@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Top to bottom. A module that is missing here fails the test.
-const LAYERS: [&str; 15] = [
+const LAYERS: [&str; 16] = [
     "image",
     "geometry",
     "board",
@@ -19,6 +19,7 @@ const LAYERS: [&str; 15] = [
     "recording",
     "runner",
     "report",
+    "daemon",
     "cli",
 ];
 
