@@ -67,7 +67,7 @@ pub(super) fn of_error(error: &anyhow::Error) -> Exit {
     if error.chain().any(|cause| cause.is::<LiveError>()) {
         return Exit::OperatorNeeded;
     }
-    let unconnected = error.chain().any(|cause| cause.is::<ConnectError>());
+    let unconnected = error.chain().any(|cause| cause.is::<ConnectError>() || cause.is::<CameraOpenError>());
     match (wrong, unconnected) {
         (true, _) => Exit::Usage,
         (false, true) => Exit::PreflightFailed,
@@ -84,6 +84,11 @@ pub(super) struct UsageError(pub(super) String);
 #[derive(Debug, thiserror::Error)]
 #[error("pre-flight failed; the arm has not been moved:\n  connection: {0}")]
 pub(super) struct ConnectError(pub(super) RobotError);
+
+/// A camera could not be opened: nothing has moved.
+#[derive(Debug, thiserror::Error)]
+#[error("pre-flight failed; nothing has been moved:\n  frame camera: {0}")]
+pub(super) struct CameraOpenError(pub(super) String);
 
 impl ConnectError {
     /// Of the simulated cell, whose other errors are its own.

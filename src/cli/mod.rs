@@ -2,6 +2,8 @@
 //!
 //! Uses everything. Start at [`main`].
 
+mod camera;
+mod cameras;
 mod cell;
 mod check;
 mod events;
@@ -45,6 +47,9 @@ enum Command {
     /// Looks at a robot without touching it.
     #[command(subcommand)]
     Robot(robot::Robot),
+    /// Looks for cameras.
+    #[command(subcommand)]
+    Camera(camera::Camera),
     /// Writes a trajectory from poses to which the arm is guided by hand.
     Teach(teach::Teach),
     /// Simulates devices on their real protocols.
@@ -97,6 +102,7 @@ fn execute(arguments: Arguments) -> anyhow::Result<Exit> {
         Command::Run(command) => command.execute(),
         Command::Resume(command) => command.execute(),
         Command::Robot(command) => command.execute(),
+        Command::Camera(command) => command.execute(),
         Command::Teach(command) => command.execute(),
         Command::Sim(command) => command.execute(),
         Command::Replay(command) => command.execute(),

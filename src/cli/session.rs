@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
+use super::cameras;
 use super::exit::{ConnectError, UsageError};
 use super::progress::say;
 use crate::config::{Cell, EventDriver, FrameDriver, RobotDriver};
@@ -36,15 +37,19 @@ pub(super) fn open(
     start: SimStart,
 ) -> anyhow::Result<Bench> {
     refuse_what_has_no_driver(file, cell, run)?;
+    cameras::refuse_other_times(file, cell.rgb.as_ref().filter(|_| !run.rehearsal), time_scale)?;
     match cell.robot.driver {
         RobotDriver::Sim => {
             let sim = SimCell::start_at(cell, seed, time_scale.unwrap_or(1.0), start)?;
-            let devices = Devices {
-                robot: sim.robot().map_err(ConnectError::of_sim)?,
-                frame: sim.frame().filter(|_| !run.rehearsal),
-                event: sim.event().filter(|_| !run.rehearsal),
-                clock: Arc::new(sim.clock.clone()),
+            let clock: Arc<dyn Clock> = Arc::new(sim.clock.clone());
+            let frame = match &cell.rgb {
+                Some(rgb) if rgb.driver != FrameDriver::Sim && !run.rehearsal => {
+                    Some(sim.wire(cameras::open_frame(file, rgb, Arc::clone(&clock))?))
+                }
+                Some(_) | None => sim.frame().filter(|_| !run.rehearsal),
             };
+            let event = sim.event().filter(|_| !run.rehearsal);
+            let devices = Devices { robot: sim.robot().map_err(ConnectError::of_sim)?, frame, event, clock };
             Ok(Bench { devices, robot: "simulated UR5e over RTDE and URScript".into(), _sim: Some(sim) })
         }
         RobotDriver::None => {
@@ -58,21 +63,28 @@ pub(super) fn open(
             let address = cell.robot.address.clone().unwrap_or_default();
             let clock: Arc<dyn Clock> = Arc::new(WallClock::starting_at(start.first));
             let config = UrConfig::of_cell(cell, &address);
+            let rgb = cell.rgb.as_ref().filter(|_| !run.rehearsal);
+            let frame = rgb.map(|rgb| cameras::open_frame(file, rgb, Arc::clone(&clock))).transpose()?;
             let robot = UrRobot::connect(&config, Arc::clone(&clock)).map_err(ConnectError)?;
-            let devices = Devices { robot: Box::new(robot), frame: None, event: None, clock };
+            let devices = Devices { robot: Box::new(robot), frame, event: None, clock };
             Ok(Bench { devices, robot: "UR controller over RTDE and URScript".into(), _sim: None })
         }
     }
 }
 
 fn refuse_what_has_no_driver(file: &Path, cell: &Cell, run: &RunOptions) -> Result<(), UsageError> {
-    let frame = cell.rgb.as_ref().is_none_or(|c| c.driver == FrameDriver::Sim);
-    let event = cell.event.as_ref().is_none_or(|c| c.driver == EventDriver::Sim);
-    let simulated = frame && event && cell.robot.driver == RobotDriver::Sim;
-    if simulated || run.rehearsal {
+    if run.rehearsal {
         return Ok(());
     }
-    let why = "this version has no driver for real cameras yet; `--rehearse` walks the poses of a real arm without cameras, `driver: sim` simulates all";
+    let event = cell.event.as_ref().map(|c| c.driver);
+    let simulated = cell.rgb.as_ref().is_some_and(|c| c.driver == FrameDriver::Sim) || event == Some(EventDriver::Sim);
+    let why = if event.is_some_and(|driver| driver != EventDriver::Sim) {
+        "this version has no driver for real event cameras yet; `--rehearse` walks the poses of a real arm without cameras, `driver: sim` simulates all"
+    } else if simulated && cell.robot.driver != RobotDriver::Sim {
+        "a simulated camera sees the simulated arm only; give the driver of the real camera, or `--rehearse` to walk the poses without cameras"
+    } else {
+        return Ok(());
+    };
     Err(UsageError(format!("{}: {why}", file.display())))
 }
 

@@ -33,6 +33,10 @@ pub struct FrameCameraCell {
     pub gain: Option<f64>,
     /// What begins an exposure.
     pub trigger: FrameTrigger,
+    /// Input of the camera that begins an exposure, by the camera's own name; absent: its first.
+    pub trigger_line: Option<String>,
+    /// Output of the camera that shows its exposures, by the camera's own name; absent: its first output that can.
+    pub exposure_line: Option<String>,
     /// Whether its exposure-active line drives the trigger input of the event camera.
     pub wired: bool,
 }

@@ -51,6 +51,10 @@ pub(super) struct FrameCameraFile {
     /// `free_run`, `software` or `robot_output: N`.
     #[serde(default)]
     pub(super) trigger: FrameTrigger,
+    /// For `genicam` triggered by the robot: the input of the camera, such as `Line1`; absent: its first.
+    pub(super) trigger_line: Option<String>,
+    /// For `genicam`: the output of the camera that shows its exposures, such as `Line2`; absent: its first that can.
+    pub(super) exposure_line: Option<String>,
     /// Whether its exposure-active line drives the trigger input of the event camera.
     #[serde(default = "yes")]
     pub(super) wired: bool,
@@ -135,6 +139,7 @@ pub(super) fn frame_camera(file: FrameCameraFile, findings: &mut Findings<'_>) -
         findings
             .add("rgb.trigger", "names a robot output above 17; 0 to 7 standard, 8 to 15 configurable, 16 and 17 tool");
     }
+    check_lines(&file, findings);
     FrameCameraCell {
         driver: file.driver,
         serial: file.serial,
@@ -149,7 +154,28 @@ pub(super) fn frame_camera(file: FrameCameraFile, findings: &mut Findings<'_>) -
         images_per_s: file.images_per_s,
         gain: file.gain,
         trigger: file.trigger,
+        trigger_line: file.trigger_line,
+        exposure_line: file.exposure_line,
         wired: file.wired,
+    }
+}
+
+/// Lines that are named must be there to be used.
+fn check_lines(file: &FrameCameraFile, findings: &mut Findings<'_>) {
+    let by_robot = matches!(file.trigger, FrameTrigger::RobotOutput(_));
+    for (key, line, used) in
+        [("trigger_line", &file.trigger_line, by_robot), ("exposure_line", &file.exposure_line, file.wired)]
+    {
+        let Some(line) = line else { continue };
+        let path = format!("rgb.{key}");
+        if file.driver != FrameDriver::Genicam {
+            findings.add(&path, "is for `driver: genicam`; remove it");
+        } else if !used {
+            let needs = if by_robot || key == "exposure_line" { "wired: true" } else { "trigger: {robot_output: N}" };
+            findings.add(&path, format!("is for `{needs}`; remove it"));
+        } else if line.is_empty() || !line.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_') {
+            findings.add(&path, format!("is {line:?}: give the camera's own name of the line, such as Line1"));
+        }
     }
 }
 

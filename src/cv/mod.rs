@@ -7,6 +7,7 @@ pub mod charuco;
 pub mod codec;
 mod mat;
 pub mod solve;
+pub mod video;
 
 /// What OpenCV could not do.
 #[derive(Debug, thiserror::Error)]

@@ -3,12 +3,17 @@
 //! Drivers never name each other; traits carry no vendor words. Uses `session` for the words that are
 //! logged. Start at [`Robot`].
 
+#[cfg(feature = "genicam")]
+pub mod genicam;
+pub mod pictures;
 pub mod rtde;
 pub mod sim;
+mod streaming;
 pub mod ur;
+pub mod v4l2;
 mod wall_clock;
 
-pub use wall_clock::WallClock;
+pub use wall_clock::{WallClock, pause};
 
 use crate::geometry::Camera;
 use crate::image::GrayImage;

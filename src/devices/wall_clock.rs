@@ -21,6 +21,12 @@ impl WallClock {
     }
 }
 
+/// Lets a moment of real time pass.
+#[expect(clippy::disallowed_methods, reason = "where no device waits")]
+pub fn pause(time: Duration) {
+    std::thread::sleep(time);
+}
+
 impl Clock for WallClock {
     fn now(&self) -> Stamp {
         let passed: Duration = self.began.elapsed();

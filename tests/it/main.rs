@@ -7,8 +7,11 @@ mod bench;
 mod cell_around;
 mod faults;
 mod fuzz_corpus;
+#[cfg(feature = "genicam")]
+mod genicam;
 mod handheld;
 mod killed;
+mod pictures;
 mod real_data;
 mod resume;
 mod simulated_cell;

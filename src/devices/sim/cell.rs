@@ -7,14 +7,15 @@ use rand::{Rng as _, SeedableRng as _};
 use rand_pcg::Pcg64;
 use serde::de::DeserializeOwned;
 
-use super::rig::{Placement, Rig, SimEventCamera, SimFrameCamera, Whereabouts};
+use super::rig::{Placement, Rig, SimEventCamera, SimFrameCamera, Whereabouts, WiredCamera};
 use super::scene::{DisplaySpec, EventSpec, FrameSpec, Optics, Scene, SceneError, SceneSpec};
 use super::ur::{Flaws, Planned as PlannedFault, SimClock, SimController, SimUrConfig};
 use crate::config::{Cell, FrameTrigger, Interlock, Mount, RobotDriver, Section};
 use crate::cv::{CvError, charuco};
 use crate::devices::ur::{UrConfig, UrRobot};
-use crate::devices::{Clock, EventCamera, FrameCamera, Robot, RobotError};
+use crate::devices::{CameraError, Clock, EventCamera, FrameCamera, Robot, RobotError};
 use crate::geometry::{Base, Camera, Event, Pinhole, Rgb, Sensor, Tcp, Transform, kinematics::Joints, rotation};
+use crate::image::GrayImage;
 use crate::session::Stamp;
 
 /// Pixels a square of the simulated display.
@@ -136,10 +137,25 @@ impl SimCell {
         self.has[0].then(|| Box::new(SimFrameCamera::new(Arc::clone(&self.rig))) as _)
     }
 
+    /// Puts a camera that is no part of the simulation in the place of the simulated one.
+    ///
+    /// It must stamp its exposures on [`SimCell::clock`], which keeps real time at a time scale of 1.
+    pub fn wire(&self, camera: Box<dyn FrameCamera>) -> Box<dyn FrameCamera> {
+        Box::new(WiredCamera::new(Arc::clone(&self.rig), camera))
+    }
+
     /// The event camera, if the cell has one.
     pub fn event(&self) -> Option<Box<dyn EventCamera>> {
         let alone = (!self.has[0]).then_some(self.images_per_pose);
         self.has[1].then(|| Box::new(SimEventCamera::new(Arc::clone(&self.rig), alone)) as _)
+    }
+
+    /// The image that a frame camera takes from one simulated time to another, s; for tests only.
+    ///
+    /// For a camera that is no part of the simulation and is to see it all the same.
+    pub fn eye(&self) -> impl Fn(f64, f64) -> Result<GrayImage, CameraError> + Send + 'static {
+        let rig = Arc::clone(&self.rig);
+        move |start_s, end_s| rig.image(start_s, end_s)
     }
 
     /// Display and sensors; for tests only.

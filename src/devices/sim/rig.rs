@@ -14,6 +14,7 @@ use crate::devices::{
 };
 use crate::events::{Encoder, Event, Format, Trigger};
 use crate::geometry::{self, Base, Camera, Flange, Rgb, Target, Transform};
+use crate::image::GrayImage;
 use crate::session::Exposure;
 
 /// Length of the closing pulse, s.
@@ -186,6 +187,12 @@ impl Rig {
         self.truth.base_from_flange_at(at_s).ok_or_else(|| CameraError::Failed { camera, why: why() })
     }
 
+    /// What the frame camera takes from one time to another, s.
+    pub(super) fn image(&self, start_s: f64, end_s: f64) -> Result<GrayImage, CameraError> {
+        let pose = self.placement.rgb_from_target(self.flange_at(0.5 * (start_s + end_s), Camera::Rgb)?);
+        Ok(self.scene.expose(&pose, start_s, end_s - start_s))
+    }
+
     fn sensor_us(&self, host_us: i64) -> i64 {
         let rate = 1.0 + self.event_drift_ppm * 1e-6;
         (self.event_offset_s * 1e6 + host_us as f64 * rate).round() as i64
@@ -232,9 +239,7 @@ impl SimFrameCamera {
         if exposure.closing {
             return Ok(FrameImage { exposure: *exposure, image: None });
         }
-        let middle_s = 0.5 * (exposure.start_s + exposure.end_s);
-        let pose = self.rig.placement.rgb_from_target(self.rig.flange_at(middle_s, Camera::Rgb)?);
-        let image = self.rig.scene.expose(&pose, exposure.start_s, exposure.end_s - exposure.start_s);
+        let image = self.rig.image(exposure.start_s, exposure.end_s)?;
         Ok(FrameImage { exposure: *exposure, image: Some(image) })
     }
 }
@@ -284,6 +289,53 @@ impl FrameCamera for SimFrameCamera {
         let wanted = answered && rested && pulsed.len() <= images as usize;
         self.pulses += usize::from(wanted);
         wanted
+    }
+}
+
+/// A frame camera that is no part of the simulation, with its exposure signal on the simulated trigger wire.
+///
+/// It must keep the simulated time: its exposures are the edges that the simulated event camera sees.
+pub struct WiredCamera {
+    rig: Arc<Rig>,
+    camera: Box<dyn FrameCamera>,
+    /// Delivered, while the simulated time of the last window is not over.
+    delivered: Option<Vec<FrameImage>>,
+}
+
+impl WiredCamera {
+    /// Wires a camera to the rig.
+    pub fn new(rig: Arc<Rig>, camera: Box<dyn FrameCamera>) -> Self {
+        Self { rig, camera, delivered: None }
+    }
+}
+
+impl FrameCamera for WiredCamera {
+    fn facts(&self) -> CameraFacts {
+        self.camera.facts()
+    }
+
+    fn size(&self) -> [u32; 2] {
+        self.camera.size()
+    }
+
+    fn begin(&mut self, images: u32) -> Result<(), CameraError> {
+        self.delivered = None;
+        self.rig.set_burst(&[]);
+        self.camera.begin(images)
+    }
+
+    fn poll(&mut self) -> Result<Option<Vec<FrameImage>>, CameraError> {
+        if self.delivered.is_none() {
+            self.delivered = self.camera.poll()?;
+        }
+        let Some(images) = &self.delivered else { return Ok(None) };
+        let burst: Vec<_> = images.iter().map(|image| image.exposure).collect();
+        self.rig.set_burst(&burst);
+        Ok(if self.rig.is_over(&burst) { self.delivered.take() } else { None })
+    }
+
+    fn wants_pulse(&mut self) -> bool {
+        self.camera.wants_pulse()
     }
 }
 

@@ -1,0 +1,62 @@
+//! Opens the cameras that a cell names.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::exit::{CameraOpenError, UsageError};
+use crate::config::{FrameCameraCell, FrameDriver};
+use crate::devices::pictures::Pictures;
+use crate::devices::{Clock, FrameCamera, v4l2};
+
+/// What is said where the program was built without the driver.
+#[cfg(not(feature = "genicam"))]
+pub(super) const NO_GENICAM: &str = "this program was built without GenICam cameras; \
+    `apt-get install libaravis-dev libusb-1.0-0-dev libxml2-dev`, then `cargo build --features genicam`";
+
+/// Opens a frame camera that is not simulated.
+pub(super) fn open_frame(
+    file: &Path,
+    rgb: &FrameCameraCell,
+    clock: Arc<dyn Clock>,
+) -> anyhow::Result<Box<dyn FrameCamera>> {
+    let source = rgb.source.clone().unwrap_or_default();
+    let beside = file.parent().unwrap_or(Path::new(".")).join(&source);
+    let opened = match rgb.driver {
+        FrameDriver::Sim => Err("`driver: sim` is part of the simulated cell".to_owned()),
+        FrameDriver::Genicam => return genicam(file, rgb, clock),
+        FrameDriver::V4l2 => v4l2::open(rgb, &source, clock).map_err(|e| e.to_string()),
+        FrameDriver::Folder => boxed(Pictures::of_folder(rgb, &beside, clock)),
+        FrameDriver::Video => boxed(Pictures::of_video(rgb, &beside, clock)),
+    };
+    Ok(opened.map_err(CameraOpenError)?)
+}
+
+fn boxed(opened: Result<Pictures, crate::devices::pictures::PicturesError>) -> Result<Box<dyn FrameCamera>, String> {
+    opened.map(|pictures| Box::new(pictures) as _).map_err(|e| e.to_string())
+}
+
+#[cfg(feature = "genicam")]
+fn genicam(_: &Path, rgb: &FrameCameraCell, clock: Arc<dyn Clock>) -> anyhow::Result<Box<dyn FrameCamera>> {
+    Ok(crate::devices::genicam::open(rgb, clock).map_err(|e| CameraOpenError(e.to_string()))?)
+}
+
+#[cfg(not(feature = "genicam"))]
+fn genicam(file: &Path, _: &FrameCameraCell, _: Arc<dyn Clock>) -> anyhow::Result<Box<dyn FrameCamera>> {
+    Err(UsageError(format!("{}: rgb.driver is genicam, but {NO_GENICAM}", file.display())).into())
+}
+
+/// Real cameras keep real time.
+pub(super) fn refuse_other_times(
+    file: &Path,
+    rgb: Option<&FrameCameraCell>,
+    time_scale: Option<f64>,
+) -> Result<(), UsageError> {
+    let real = rgb.is_some_and(|rgb| matches!(rgb.driver, FrameDriver::Genicam | FrameDriver::V4l2));
+    match time_scale {
+        Some(scale) if real && scale != 1.0 => {
+            let why = "the frame camera is real and keeps real time; leave --time-scale out";
+            Err(UsageError(format!("{}: {why}", file.display())))
+        }
+        Some(_) | None => Ok(()),
+    }
+}

@@ -1,0 +1,108 @@
+//! Frame cameras that are files: a folder of images and a video, through whole sessions and by themselves.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use cellcal::recording::{Entry, Recording};
+use serde_json::Value;
+
+use crate::support::{cellcal, expect, json, stderr, text};
+
+/// The simulated cell with the twelve distance poses for intrinsics, and these words for its frame camera.
+fn cell(folder: &Path, driver: &str) -> PathBuf {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let shipped = std::fs::read_to_string(root.join("cells/sim.yaml")).unwrap();
+    let before = shipped.split("trajectories:").next().unwrap();
+    let mut cell = before.replacen("  driver: sim\n  serial: SIM-RGB", &format!("  {driver}"), 1);
+    assert!(cell.contains(driver), "cells/sim.yaml has changed");
+    let file = root.join("trajectories/distance-6.yaml");
+    write!(cell, "trajectories:\n  - {{file: {}, purpose: intrinsics}}\nsim: {{seed: 5}}\n", text(&file)).unwrap();
+    let path = folder.join("cell.yaml");
+    std::fs::write(&path, cell).unwrap();
+    path
+}
+
+fn session(folder: &Path, driver: &str) -> (Value, PathBuf) {
+    let (cell, sessions) = (cell(folder, driver), folder.join("sessions"));
+    let output = cellcal(&["run", text(&cell), "--time-scale", "max", "--json", "-o", text(&sessions)]);
+    assert!(!output.stdout.is_empty(), "{driver}: {}", stderr(&output));
+    let files = std::fs::read_dir(sessions.join("sim")).unwrap().map(|e| e.unwrap().path());
+    let recording = files.filter(|p| p.extension().is_some_and(|e| e == "mcap")).max().unwrap();
+    (json(&output), recording)
+}
+
+fn images(recording: &Path) -> Vec<Vec<u8>> {
+    let entries = Recording::open(recording).unwrap().entries.into_iter();
+    let png = entries.filter_map(|entry| if let Entry::Image(_, png) = entry { Some(png) } else { None });
+    png.collect()
+}
+
+#[test]
+fn the_images_of_a_folder_take_the_place_of_the_camera() {
+    let first = tempfile::tempdir().unwrap();
+    let (simulated, recording) = session(first.path(), "driver: sim");
+    let taken = images(&recording);
+    assert_eq!(taken.len(), 12);
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("images")).unwrap();
+    for (i, png) in taken.iter().enumerate() {
+        // Without leading zeros: 10 comes after 9.
+        std::fs::write(folder.path().join(format!("images/pose {}.png", i + 1)), png).unwrap();
+    }
+    std::fs::write(folder.path().join("images/notes.txt"), "no image").unwrap();
+    let (shown, again) = session(
+        folder.path(),
+        "{driver: folder, source: images}".trim_matches(['{', '}']).replace(", ", "\n  ").as_str(),
+    );
+    assert_eq!(images(&again), taken, "the images are those of the folder, in order");
+    assert_eq!(shown["timing"]["windows"], serde_json::json!([12, 12]), "{:#}", shown["timing"]);
+    for key in ["fx", "rms_px"] {
+        assert_eq!(
+            shown["cameras"]["rgb"][key], simulated["cameras"]["rgb"][key],
+            "{key}: the same images of the same poses"
+        );
+    }
+    assert!(shown["cameras"]["event"]["corner_rate"].as_f64().unwrap() > 0.8, "{:#}", shown["cameras"]["event"]);
+}
+
+#[test]
+fn what_is_wrong_with_a_source_is_said_before_anything_moves() {
+    let folder = tempfile::tempdir().unwrap();
+    let sessions = folder.path().join("sessions");
+    let refused = |driver: &str| {
+        let cell = cell(folder.path(), driver);
+        stderr(&expect(6, &["run", text(&cell), "--time-scale", "max", "-o", text(&sessions)]))
+    };
+    let said = refused("driver: folder\n  source: nowhere");
+    assert!(
+        said.contains("nowhere: No such file or directory") && said.contains("relative to the cell file"),
+        "{said}"
+    );
+    std::fs::create_dir(folder.path().join("images")).unwrap();
+    assert!(refused("driver: folder\n  source: images").contains("no images; PNG, JPEG, BMP and TIFF are read"));
+    std::fs::write(folder.path().join("images/1.png"), "no image").unwrap();
+    assert!(refused("driver: folder\n  source: images").contains("not a readable image"));
+    let small = cellcal::image::GrayImage::filled(640, 480, 9);
+    std::fs::write(folder.path().join("images/1.png"), cellcal::cv::codec::encode_png(&small).unwrap()).unwrap();
+    let said = refused("driver: folder\n  source: images");
+    assert!(said.contains("is 640x480; the cell says rgb.width 1380 and rgb.height 780"), "{said}");
+    assert!(refused("driver: video\n  source: images/1.txt").contains("No such file or directory"));
+    std::fs::write(folder.path().join("clip.mp4"), "no video").unwrap();
+    assert!(refused("driver: video\n  source: clip.mp4").contains("not a video file that can be read"));
+    assert!(!sessions.exists(), "a session that never began is recorded");
+
+    let cell = cell(folder.path(), "driver: v4l2\n  source: /dev/video987");
+    let said = stderr(&expect(6, &["run", text(&cell), "-o", text(&sessions)]));
+    assert!(said.contains("/dev/video987: no camera that Video4Linux can open"), "{said}");
+}
+
+#[cfg(not(feature = "genicam"))]
+#[test]
+fn without_the_driver_the_program_says_how_to_get_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let cell = cell(folder.path(), "driver: genicam");
+    for command in [&["run", text(&cell)][..], &["camera", "list"]] {
+        let said = stderr(&expect(2, command));
+        assert!(said.contains("cargo build --features genicam") && said.contains("libaravis-dev"), "{said}");
+    }
+}
