@@ -95,8 +95,8 @@ impl FrameAids {
         });
         let too_dark = (light < LIGHT_MIN)
             .then(|| format!("open the iris or expose longer: white is at {light} of 255, below {LIGHT_MIN}"));
-        // Written so that a contrast that is no number is told too.
-        let flat = (!(contrast >= CONTRAST_MIN)).then(|| {
+        let clear = contrast >= CONTRAST_MIN;
+        let flat = (!clear).then(|| {
             format!("shade the display from light or make it brighter: contrast {contrast:.2}, below {CONTRAST_MIN}")
         });
         [
