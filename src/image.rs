@@ -30,3 +30,42 @@ impl GrayImage {
         Self { pixels: self.pixels.iter().map(|v| 255 - v).collect(), ..*self }
     }
 }
+
+/// A colour image for people, rows top to bottom.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ColorImage {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `height * width` pixels, row by row: red, green, blue.
+    pub pixels: Vec<[u8; 3]>,
+}
+
+impl ColorImage {
+    /// An image of one colour.
+    pub fn filled(width: usize, height: usize, color: [u8; 3]) -> Self {
+        Self { width, height, pixels: vec![color; width * height] }
+    }
+
+    /// The colour at column `x`, row `y`; panics outside, as slices do.
+    pub fn at(&self, x: usize, y: usize) -> [u8; 3] {
+        self.pixels[y * self.width + x]
+    }
+
+    /// Colours a pixel; outside nothing happens.
+    pub fn put(&mut self, x: i64, y: i64, color: [u8; 3]) {
+        let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
+        if x < self.width
+            && let Some(pixel) = self.pixels.get_mut(y * self.width + x)
+        {
+            *pixel = color;
+        }
+    }
+}
+
+impl From<&GrayImage> for ColorImage {
+    fn from(gray: &GrayImage) -> Self {
+        Self { width: gray.width, height: gray.height, pixels: gray.pixels.iter().map(|v| [*v; 3]).collect() }
+    }
+}

@@ -25,7 +25,7 @@
 //! | `recording` | a session as an MCAP file: writer, reader, damage; import of foreign data sets |
 //! | `runner` | the one loop and its two worlds, live and replay; then vision and calibration on what was seen |
 //! | `report` | a finished calibration for people: terminal and HTML |
-//! | `daemon` | what answers over HTTP: the page that blinks on any phone or monitor |
+//! | `daemon` | pages over HTTP: the display for any screen, live views of the cameras |
 //! | `cli` | one file per subcommand |
 //!
 //! # Three rules

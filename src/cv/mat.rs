@@ -7,7 +7,7 @@ use opencv::prelude::*;
 use super::CvError;
 use crate::board::{Board, View};
 use crate::geometry::{Pinhole, Transform, rotation};
-use crate::image::GrayImage;
+use crate::image::{ColorImage, GrayImage};
 
 /// Copies a gray image.
 pub(super) fn from_gray(image: &GrayImage) -> Result<Mat, CvError> {
@@ -20,6 +20,20 @@ pub(super) fn to_gray(mat: &Mat) -> Result<GrayImage, CvError> {
     let whole = if mat.is_continuous() { mat.try_clone()? } else { mat.clone() };
     let pixels = whole.data_bytes()?.to_vec();
     Ok(GrayImage { width: whole.cols() as usize, height: whole.rows() as usize, pixels })
+}
+
+/// Copies a colour image; OpenCV has blue first.
+pub(super) fn from_color(image: &ColorImage) -> Result<Mat, CvError> {
+    let rows = i32::try_from(image.height).unwrap_or(i32::MAX);
+    let bytes: Vec<u8> = image.pixels.iter().flat_map(|[r, g, b]| [*b, *g, *r]).collect();
+    Ok(Mat::from_slice(&bytes)?.reshape(3, rows)?.try_clone()?)
+}
+
+/// Copies an 8-bit matrix of blue, green, red.
+pub(super) fn to_color(mat: &Mat) -> Result<ColorImage, CvError> {
+    let whole = if mat.is_continuous() { mat.try_clone()? } else { mat.clone() };
+    let pixels = whole.data_bytes()?.as_chunks().0.iter().map(|[b, g, r]: &[u8; 3]| [*r, *g, *b]).collect();
+    Ok(ColorImage { width: whole.cols() as usize, height: whole.rows() as usize, pixels })
 }
 
 /// The 3x3 camera matrix.

@@ -1,5 +1,6 @@
 //! What runs for longer than a command and answers over HTTP.
 //!
-//! Uses everything above `cli`. Start at [`target_page`]: the display as a web page.
+//! Uses everything above `cli`. Start at [`target_page`], the display, and [`live_view`], the cameras.
 
+pub mod live_view;
 pub mod target_page;

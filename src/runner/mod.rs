@@ -8,6 +8,7 @@ mod capture;
 mod event_windows;
 mod handheld;
 mod live;
+mod look;
 mod options;
 mod past;
 mod pixels;
@@ -17,6 +18,7 @@ pub mod solve;
 
 pub use handheld::{CameraDevices, HandheldLive, Rest};
 pub use live::{Devices, Live, LiveError, Nobody, Operator, Told};
+pub use look::{EventLook, Looked, Looking};
 pub use options::RunOptions;
 pub use past::{Past, PastError};
 pub use pixels::accumulated;

@@ -1,6 +1,9 @@
 //! From images and event windows to views, for both cameras.
 //!
-//! Uses `board`, `cv`, `events`, `image`. Start at [`frame_view`] and [`event_view`].
+//! Uses `board`, `cv`, `events`, `image`. Start at [`frame_view`] and [`event_view`]; [`aids`] tell people who mount
+//! cameras what to turn.
+
+pub mod aids;
 
 use crate::board::{Board, Corner, View};
 use crate::cv::{

@@ -4,6 +4,7 @@
 mod architecture;
 mod bad_input;
 mod bench;
+mod camera;
 mod cell_around;
 mod chromium;
 mod display_proof;

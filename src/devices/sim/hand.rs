@@ -31,7 +31,7 @@ const ROLL_DEG: f64 = 15.0;
 const FILLS: f64 = 0.42;
 const DISTANCES: [f64; 2] = [0.92, 1.2];
 /// A rest of whoever waits, s of simulated time.
-const REST_S: f64 = 0.005;
+pub(super) const REST_S: f64 = 0.005;
 
 /// Where the display is held, as a function of time.
 #[derive(Debug, Clone)]
@@ -135,7 +135,7 @@ impl SimHand {
 }
 
 #[expect(clippy::disallowed_methods, reason = "simulated time is tied to real time here")]
-fn pause(seconds: f64) {
+pub(super) fn pause(seconds: f64) {
     std::thread::sleep(Duration::from_secs_f64(seconds.clamp(0.0, 1.0)));
 }
 

@@ -82,6 +82,8 @@ pub enum Whereabouts {
     Arm(Box<Truth>),
     /// In the hand of an operator: the flange of [`Placement`].
     Hand(HandPath),
+    /// On an arm that stands still for ever.
+    Still(Transform<Base, Flange>),
 }
 
 impl Whereabouts {
@@ -89,6 +91,7 @@ impl Whereabouts {
         match self {
             Self::Arm(truth) => truth.base_from_flange_at(at_s),
             Self::Hand(path) => path.base_from_flange_at(at_s),
+            Self::Still(base_from_flange) => Some(*base_from_flange),
         }
     }
 
@@ -96,7 +99,7 @@ impl Whereabouts {
     fn oldest_s(&self) -> f64 {
         match self {
             Self::Arm(truth) => truth.oldest_s().unwrap_or(0.0),
-            Self::Hand(_) => 0.0,
+            Self::Hand(_) | Self::Still(_) => 0.0,
         }
     }
 
@@ -104,7 +107,7 @@ impl Whereabouts {
     fn rises(&self, output: u8, after_s: f64) -> Vec<f64> {
         match self {
             Self::Arm(truth) => truth.rises(output, after_s),
-            Self::Hand(_) => Vec::new(),
+            Self::Hand(_) | Self::Still(_) => Vec::new(),
         }
     }
 }
