@@ -1,6 +1,6 @@
 //! `cellcal camera` on simulated cameras: what people see who mount them.
 
-use std::io::{BufBufReader, Write as _};
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -10,7 +10,7 @@ use cellcal::cv::codec;
 use cellcal::vision;
 use serde_json::Value;
 
-use crate::support::{cellcal, expect, json, stderr, text};
+use crate::support::{expect, json, stderr, text};
 
 /// `cells/sim.yaml` with a change, in a folder of its own.
 fn changed(from: &str, to: &str) -> (tempfile::TempDir, std::path::PathBuf) {
@@ -89,21 +89,31 @@ fn nothing_that_is_no_terminal_gets_live_pictures() {
     let printed = String::from_utf8(once.stdout).unwrap();
     assert!(printed.contains("corners 24 of 24"), "{printed}");
     assert!(!printed.contains("\x1b[?"), "the screen is left alone");
-    let none = cellcal(&["camera", "grab", "cells/ur5e.yaml"]);
+    let none = unheard(&["camera", "grab", "cells/ur5e.yaml"]);
     assert!([2, 6].contains(&none.status.code().unwrap()), "{}", stderr(&none));
+}
+
+/// The program in a network of its own: it asks for GenICam cameras by broadcast.
+fn unheard(arguments: &[&str]) -> std::process::Output {
+    let root = Command::new("id").arg("-u").output().unwrap().stdout == b"0\n";
+    let mut command = Command::new("unshare");
+    command.current_dir(env!("CARGO_MANIFEST_DIR")).arg(if root { "-n" } else { "-rn" });
+    command.arg(env!("CARGO_BIN_EXE_cellcal")).args(arguments).output().unwrap()
 }
 
 #[test]
 fn every_driver_is_listed() {
-    let told = json(&expect(0, &["camera", "list", "--json"]));
+    let listed = unheard(&["camera", "list", "--json"]);
+    assert_eq!(listed.status.code(), Some(0), "{}", stderr(&listed));
+    let told = json(&listed);
     let drivers: Vec<_> = told["drivers"].as_array().unwrap().iter().map(|d| d["driver"].as_str().unwrap()).collect();
-    assert_eq!(drivers, ["genicam", "v4l2", "folder", "video", "sim", "evk4", "sim"]);
+    assert_eq!(drivers, ["genicam", "v4l2", "folder", "video", "sim", "evk4", "file", "sim"]);
     for driver in told["drivers"].as_array().unwrap() {
         let helped = driver["built_in"] == true || driver["note"].as_str().is_some_and(|note| note.len() > 20);
         assert!(helped, "{driver}");
     }
-    let printed = String::from_utf8(expect(0, &["camera", "list"]).stdout).unwrap();
-    assert_eq!(printed.lines().filter(|line| line.starts_with("event")).count(), 2, "{printed}");
+    let printed = String::from_utf8(unheard(&["camera", "list"]).stdout).unwrap();
+    assert_eq!(printed.lines().filter(|line| line.starts_with("event")).count(), 3, "{printed}");
 }
 
 /// The program with a page, and where that is.

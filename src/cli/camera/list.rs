@@ -85,7 +85,8 @@ fn evk4() -> Driver {
 #[cfg(feature = "evk4")]
 fn evk4() -> Driver {
     let found = |serial: Result<String, String>| {
-        let (serial, at) = serial.map_or_else(|why| (None, format!("USB, {why}")), |serial| (Some(serial), "USB".into()));
+        let (serial, at) =
+            serial.map_or_else(|why| (None, format!("USB, {why}")), |serial| (Some(serial), "USB".into()));
         Found { model: "Prophesee EVK4 HD".into(), serial, at }
     };
     let (cameras, note) = match crate::devices::evk4::list() {
