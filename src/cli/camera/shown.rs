@@ -98,8 +98,8 @@ fn mark(picture: &mut ColorImage, corner: &Corner, scale: f64) {
     let half = (CROSS_SHARE * picture.width as f64).round() as i64;
     let [x, y] = corner.px.map(|v| ((v + 0.5) * scale - 0.5).round() as i64);
     for i in -half..=half {
-        picture.put(x + i, y, MARK);
-        picture.put(x, y + i, MARK);
+        picture.put(x.saturating_add(i), y, MARK);
+        picture.put(x, y.saturating_add(i), MARK);
     }
 }
 

@@ -42,7 +42,7 @@ fn strangers_are_refused_and_everything_else_is_named() {
 /// Reads until the text has come.
 fn read_until(stream: &mut TcpStream, text: &str) -> String {
     let (mut said, mut byte) = (Vec::new(), [0]);
-    while !String::from_utf8_lossy(&said).contains(text) {
+    while !said.ends_with(text.as_bytes()) {
         stream.read_exact(&mut byte).unwrap();
         said.push(byte[0]);
     }
