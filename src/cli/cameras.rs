@@ -7,7 +7,8 @@ use super::exit::{CameraOpenError, UsageError};
 use crate::config::{EventCameraCell, EventDriver, FrameCameraCell, FrameDriver};
 use crate::devices::event_stream::RawFile;
 use crate::devices::pictures::Pictures;
-use crate::devices::{Clock, EventCamera, FrameCamera, v4l2};
+use crate::devices::{CameraFacts, Clock, EventCamera, FrameCamera, v4l2};
+use crate::geometry::Camera;
 
 /// What is said where the program was built without the driver.
 #[cfg(not(feature = "genicam"))]
@@ -76,6 +77,20 @@ fn genicam(_: &Path, rgb: &FrameCameraCell, clock: Arc<dyn Clock>) -> anyhow::Re
 #[cfg(not(feature = "genicam"))]
 fn genicam(file: &Path, _: &FrameCameraCell, _: Arc<dyn Clock>) -> anyhow::Result<Box<dyn FrameCamera>> {
     Err(UsageError(format!("{}: rgb.driver is genicam, but {NO_GENICAM}", file.display())).into())
+}
+
+/// What the cameras said about themselves, for the log: `rgb.model`, `rgb.exposure_s`, ...
+pub(super) fn facts(
+    frame: Option<&dyn FrameCamera>,
+    event: Option<&dyn EventCamera>,
+) -> impl Iterator<Item = (String, String)> {
+    let all = [(Camera::Rgb, frame.map(FrameCamera::facts)), (Camera::Event, event.map(EventCamera::facts))];
+    all.into_iter().filter_map(|(camera, facts)| Some((camera, facts?))).flat_map(|(camera, facts)| {
+        let CameraFacts { model, serial, firmware, settings } = facts;
+        let told = [("model", Some(model)), ("serial", serial), ("firmware", firmware)];
+        let told = told.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?)));
+        told.chain(settings).map(move |(name, value)| (format!("{camera}.{name}"), value))
+    })
 }
 
 /// Real cameras keep real time.

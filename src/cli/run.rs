@@ -9,7 +9,7 @@ use clap::Args;
 use super::exit::{self, UsageError};
 use super::progress::{Bar, say};
 use super::session::{AtTerminal, SOLVING, Steps, interrupts, open, tell};
-use super::{Exit, cell, handheld, rehearsal, replay};
+use super::{Exit, cameras, cell, handheld, rehearsal, replay};
 use crate::config::{Cell, RobotDriver};
 use crate::devices::sim::cell::SimStart;
 use crate::devices::sim::ur::Planned as PlannedFault;
@@ -116,7 +116,8 @@ impl Run {
         let start = SimStart { faults: self.sim_faults.clone(), ..SimStart::default() };
         let bench = open(&self.cell, &cell, &options, self.seed, self.time_scale, start)?;
         let (session_id, path) = self.name(&cell, &texts)?;
-        let about = about(session_id, &texts, &bench.robot, &options, self.seed);
+        let mut about = about(session_id, &texts, &bench.robot, &options, self.seed);
+        about.facts.extend(cameras::facts(bench.devices.frame.as_deref(), bench.devices.event.as_deref()));
         let writer = Writer::create(&path, &about, &attachments(&texts))?;
         let mut operator = AtTerminal::new(self.unattended);
         let mut steps = Steps::new(&plan);
@@ -139,7 +140,8 @@ impl Run {
         let handheld::Held { frame, event, clock, rest } =
             handheld::open(&self.cell, cell, self.seed, self.time_scale)?;
         let (session_id, path) = self.name(cell, texts)?;
-        let about = about(session_id, texts, "none: moved by hand", run, self.seed);
+        let mut about = about(session_id, texts, "none: moved by hand", run, self.seed);
+        about.facts.extend(cameras::facts(frame.as_deref(), event.as_deref()));
         let writer = Writer::create(&path, &about, &texts.attachments())?;
         let mut hear = |told: Told<'_>| handheld::hear(&told);
         let timing = (cell.images_per_pose, setup.image_period_s);

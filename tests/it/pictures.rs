@@ -2,8 +2,14 @@
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
+use cellcal::config::parse_cell;
+use cellcal::devices::pictures::Pictures;
+use cellcal::devices::{Clock, FrameCamera as _};
 use cellcal::recording::{Entry, Recording};
+use cellcal::session::Stamp;
 use serde_json::Value;
 
 use crate::support::{cellcal, expect, json, stderr, text};
@@ -50,10 +56,7 @@ fn the_images_of_a_folder_take_the_place_of_the_camera() {
         std::fs::write(folder.path().join(format!("images/pose {}.png", i + 1)), png).unwrap();
     }
     std::fs::write(folder.path().join("images/notes.txt"), "no image").unwrap();
-    let (shown, again) = session(
-        folder.path(),
-        "{driver: folder, source: images}".trim_matches(['{', '}']).replace(", ", "\n  ").as_str(),
-    );
+    let (shown, again) = session(folder.path(), "driver: folder\n  source: images");
     assert_eq!(images(&again), taken, "the images are those of the folder, in order");
     assert_eq!(shown["timing"]["windows"], serde_json::json!([12, 12]), "{:#}", shown["timing"]);
     for key in ["fx", "rms_px"] {
@@ -94,6 +97,61 @@ fn what_is_wrong_with_a_source_is_said_before_anything_moves() {
     let cell = cell(folder.path(), "driver: v4l2\n  source: /dev/video987");
     let said = stderr(&expect(6, &["run", text(&cell), "-o", text(&sessions)]));
     assert!(said.contains("/dev/video987: no camera that Video4Linux can open"), "{said}");
+}
+
+/// Time that the test tells.
+#[derive(Default)]
+struct Told(AtomicU64);
+
+impl Clock for Told {
+    fn now(&self) -> Stamp {
+        Stamp(self.0.load(Ordering::SeqCst))
+    }
+}
+
+/// A video of plain images of these values, without loss.
+fn video(path: &Path, values: &[u8]) {
+    use opencv::core::{CV_8UC3, Mat, Scalar, Size};
+    use opencv::prelude::*;
+    use opencv::videoio::VideoWriter;
+    let codec = VideoWriter::fourcc('F', 'F', 'V', '1').unwrap();
+    let mut writer = VideoWriter::new(text(path), codec, 10.0, Size::new(128, 96), true).unwrap();
+    assert!(writer.is_opened().unwrap());
+    for value in values {
+        let image = Mat::new_rows_cols_with_default(96, 128, CV_8UC3, Scalar::all(f64::from(*value))).unwrap();
+        writer.write(&image).unwrap();
+    }
+    writer.release().unwrap();
+}
+
+#[test]
+fn a_video_shows_its_images_in_order_and_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("clip.avi");
+    video(&path, &[20, 90, 200]);
+    let shipped = include_str!("../../cells/sim.yaml");
+    let mut cell = parse_cell(shipped, "cell").unwrap().rgb.unwrap();
+    (cell.width, cell.height) = (128, 96);
+    let clock = Arc::new(Told::default());
+    let mut camera = Pictures::of_video(&cell, &path, Arc::clone(&clock) as Arc<dyn Clock>).unwrap();
+    let mut seen = Vec::new();
+    for images in [2, 3] {
+        camera.begin(images).unwrap();
+        assert!(camera.poll().unwrap().is_none(), "no time has passed");
+        clock.0.fetch_add(u64::from(images) * 100_000_000, Ordering::SeqCst);
+        assert!(camera.poll().unwrap().is_none(), "the last window is not closed");
+        clock.0.fetch_add(20_000_000, Ordering::SeqCst);
+        let taken = camera.poll().unwrap().unwrap();
+        assert!(taken.windows(2).all(|p| (p[1].exposure.start_s - p[0].exposure.start_s - 0.1).abs() < 1e-9));
+        seen.extend(taken.iter().map(|i| i.image.as_ref().unwrap().at(64, 48)));
+        assert!(camera.poll().unwrap().is_none(), "nothing is going on");
+    }
+    // Colour is stored as luminance and two differences, each rounded.
+    let as_expected = seen.iter().zip([20_u8, 90, 200, 20, 90]).all(|(found, wanted)| found.abs_diff(wanted) <= 2);
+    assert!(seen.len() == 5 && as_expected, "{seen:?}");
+    cell.width = 64;
+    let wrong = Pictures::of_video(&cell, &path, clock).err().unwrap().to_string();
+    assert!(wrong.contains("is 128x96; the cell says rgb.width 64 and rgb.height 96"), "{wrong}");
 }
 
 #[cfg(not(feature = "genicam"))]
