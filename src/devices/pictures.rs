@@ -202,7 +202,7 @@ mod tests {
         names.sort_by_cached_key(|name| natural(name));
         assert_eq!(
             names,
-            ["9", "10", "A1.png", "a.png", "a2-9.png", "a2-10.png", "a09.png", "a9.png", "a10.png", "b1.png"]
+            ["9", "10", "A1.png", "a2-9.png", "a2-10.png", "a09.png", "a9.png", "a10.png", "a.png", "b1.png"]
         );
     }
 }

@@ -88,7 +88,7 @@ fn cameras_are_found_and_opened_by_serial() {
         assert_eq!(found.len(), 1);
         assert_eq!((found[0].serial.as_str(), found[0].address.as_str()), ("GVTEST", "127.0.0.1"));
         let printed = json(&expect(0, &["camera", "list", "--json"]));
-        assert_eq!(printed["cameras"][0]["serial"], "GVTEST");
+        assert_eq!(printed["drivers"][0]["cameras"][0]["serial"], "GVTEST");
 
         let other = refused(&camera(|c| c.serial = Some("OTHER".into())));
         assert!(

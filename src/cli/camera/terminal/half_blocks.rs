@@ -53,7 +53,7 @@ fn palette([r, g, b]: [u8; 3]) -> u8 {
         return match r {
             0..=3 => 16,
             247..=255 => 231,
-            v => RAMP_FIRST + ((u16::from(v) + 2) / 10).saturating_sub(1).min(23) as u8,
+            v => RAMP_FIRST + (u16::from(v).saturating_sub(3) / 10).min(23) as u8,
         };
     }
     let level = |v: u8| (0..6).min_by_key(|i| CUBE[usize::from(*i)].abs_diff(v)).unwrap_or(0);
