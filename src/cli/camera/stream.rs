@@ -139,10 +139,11 @@ fn await_viewer(page: Option<&LiveView>, source: &mut Source, stop: &AtomicBool)
 }
 
 fn publish(page: &LiveView, shown: &[Shown], number: u64) -> anyhow::Result<()> {
+    // Whoever has seen an image finds its aids.
+    page.tell(readings_json(shown, number));
     for shown in shown {
         page.publish(shown.camera, codec::encode_jpeg(&shown.picture(shown.image.width), JPEG_QUALITY)?);
     }
-    page.tell(readings_json(shown, number));
     Ok(())
 }
 
