@@ -313,7 +313,7 @@ fn a_measured_size_reaches_the_file_and_the_terminal() {
     assert!(said.contains("refresh_hz: 60, panel_px: [800, 480], square_xy_mm: "), "{said}");
     // The next page of this browser knows it.
     chromium.open(&server.url);
-    chromium.until("document.getElementById('facts').textContent.includes('mm')");
+    chromium.until("window.cellcal && document.getElementById('facts').textContent.includes('mm')");
     // A card: the field follows the keys.
     chromium.value("document.getElementById('size').click(); document.querySelector('[value=card]').click()");
     let width = "Number(document.querySelector('[name=x_px]').value)";
