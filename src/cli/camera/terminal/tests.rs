@@ -64,7 +64,9 @@ fn half_blocks_show_the_picture() {
             let cell = cells[i / 9 / 2][i % 9];
             let seen = if i / 9 % 2 == 0 { cell.0 } else { cell.1 };
             let off = (0..3).map(|c| seen[c].abs_diff(pixel[c])).max().unwrap();
-            let allowed = if *pixel == MARK { color_off } else { gray_off };
+            // Grays of the palette are 10 apart, but between 238 and 255 it has none: the nearest is up to 8 away.
+            let in_the_gap = gray_off > 0 && pixel[0] > 243;
+            let allowed = if *pixel == MARK { color_off } else { gray_off + if in_the_gap { 3 } else { 0 } };
             assert!(off <= allowed, "{colors:?} {i}: {seen:?} for {pixel:?}");
         }
     }
