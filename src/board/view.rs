@@ -9,6 +9,16 @@ pub struct Corner {
     pub id: u32,
     /// Position in pixels: x right, y down, (0, 0) is the centre of the top-left pixel.
     pub px: [f64; 2],
+    /// Covariance of the position (xx, xy, yy), px2; absent where the detector gives none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covariance_px2: Option<[f64; 3]>,
+}
+
+impl Corner {
+    /// A corner of unknown accuracy.
+    pub fn at(id: u32, px: [f64; 2]) -> Self {
+        Self { id, px, covariance_px2: None }
+    }
 }
 
 /// The corners that one camera saw at one pose, ids ascending, each id once.

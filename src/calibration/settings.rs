@@ -10,6 +10,8 @@ use crate::geometry::Camera;
 pub enum Method {
     /// The paper's: last-polarity event image, median 3x3, OpenCV solvers, one rejection pass.
     Paper,
+    /// Ours: corners fitted with their covariance, one bundle adjustment over everything that was seen.
+    Precise,
 }
 
 /// What the robot carries.

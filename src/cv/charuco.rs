@@ -95,7 +95,7 @@ pub fn find_corners(board: &Board, image: &GrayImage, look: Look) -> Result<View
     if corners.is_empty() {
         return Ok(View::default());
     }
-    let corner = |(id, p): (i32, Point2f)| Corner { id: id as u32, px: [f64::from(p.x), f64::from(p.y)] };
+    let corner = |(id, p): (i32, Point2f)| Corner::at(id as u32, [f64::from(p.x), f64::from(p.y)]);
     let view = |corners: &Vector<Point2f>| View::new(ids.iter().zip(corners.iter()).map(corner).collect());
     let half_px = match look {
         Look::Frame => FRAME_HALF_WINDOW_PX,
@@ -242,7 +242,7 @@ mod tests {
 
     #[test]
     fn corners_that_no_plane_explains_are_none() {
-        let in_a_heap = (0..8).map(|id| Corner { id: id * 3, px: [100.0, 100.0] }).collect();
+        let in_a_heap = (0..8).map(|id| Corner::at(id * 3, [100.0, 100.0])).collect();
         assert!(without_outliers(&board(), &View::new(in_a_heap)).unwrap().corners.is_empty());
     }
 

@@ -221,7 +221,7 @@ mod tests {
 
     fn seen<C>(camera: &Pinhole, pose: &Transform<C, Target>) -> View {
         let px = |id| camera.project(&(*pose * board().corner(id).unwrap()).coords_m().into()).unwrap();
-        View::new((0..24).map(|id| Corner { id, px: px(id) }).collect())
+        View::new((0..24).map(|id| Corner::at(id, px(id))).collect())
     }
 
     #[test]

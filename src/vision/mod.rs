@@ -52,7 +52,7 @@ fn mean(seen: &[Corner]) -> Option<Corner> {
         count += 1;
     }
     let agreed = 2 * count as usize >= seen.len() && count > 0;
-    agreed.then(|| Corner { id: seen[0].id, px: sum.map(|s| s / f64::from(count)) })
+    agreed.then(|| Corner::at(seen[0].id, sum.map(|s| s / f64::from(count))))
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     fn view(corners: &[(u32, f64)]) -> View {
-        View::new(corners.iter().map(|(id, x)| Corner { id: *id, px: [*x, 2.0 * x] }).collect())
+        View::new(corners.iter().map(|(id, x)| Corner::at(*id, [*x, 2.0 * x])).collect())
     }
 
     #[test]

@@ -120,7 +120,7 @@ mod tests {
     fn shown() -> Shown {
         let pixels = (0..40 * 20).map(|i| if i % 40 < 20 { 40 } else { 200 }).collect();
         let image = GrayImage { width: 40, height: 20, pixels };
-        let view = View::new(vec![Corner { id: 0, px: [29.5, 9.5] }, Corner { id: 1, px: [-50.0, 1e12] }]);
+        let view = View::new(vec![Corner::at(0, [29.5, 9.5]), Corner::at(1, [-50.0, 1e12])]);
         let aids = AidsOf::Event(EventAids {
             corners: 1,
             expected: 24,

@@ -7,11 +7,10 @@ use crate::session::Exposure;
 const SIZE: [u32; 2] = [1280, 720];
 
 fn view(at: [f64; 2], scale: f64) -> View {
-    let corner = |id: u32| Corner {
-        id,
-        px: [at[0] + scale * f64::from(id % 6), at[1] + scale * (1.0 + 0.02 * f64::from(id % 6)) * f64::from(id / 6)],
+    let px = |id: u32| {
+        [at[0] + scale * f64::from(id % 6), at[1] + scale * (1.0 + 0.02 * f64::from(id % 6)) * f64::from(id / 6)]
     };
-    View::new((0..24).map(corner).collect())
+    View::new((0..24).map(|id| Corner::at(id, px(id))).collect())
 }
 
 fn look(at: [f64; 2], scale: f64) -> Input {

@@ -32,7 +32,7 @@ impl Drawn {
 
     fn view(&self) -> View {
         let px = |id| self.px(board().corner(id).unwrap().xyz_m().map(|m| m / 0.0088)[..2].try_into().unwrap());
-        View::new((0..24).map(|id| Corner { id, px: px(id) }).collect())
+        View::new((0..24).map(|id| Corner::at(id, px(id))).collect())
     }
 
     /// Blurred by a Gaussian of `sigma_px`, with these tones; sampled, not averaged, over pixels.
@@ -159,9 +159,9 @@ fn an_image_without_a_board_is_judged_as_a_whole() {
         assert!(found.readings().iter().any(|r| r.advice.is_some()));
     }
     aids.frame(&GrayImage::filled(0, 0, 0), &View::default());
-    let on_a_line = View::new((0..6).map(|id| Corner { id, px: [50.0 * f64::from(id), 40.0] }).collect());
+    let on_a_line = View::new((0..6).map(|id| Corner::at(id, [50.0 * f64::from(id), 40.0])).collect());
     assert!(!aids.frame(&GrayImage::filled(64, 48, 9), &on_a_line).of_board);
-    let odd = View::new((0..24).map(|id| Corner { id, px: [f64::NAN, f64::INFINITY] }).collect());
+    let odd = View::new((0..24).map(|id| Corner::at(id, [f64::NAN, f64::INFINITY])).collect());
     assert!(!aids.frame(&GrayImage::filled(64, 48, 9), &odd).of_board);
 }
 

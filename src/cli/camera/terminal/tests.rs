@@ -226,7 +226,7 @@ fn shown(camera: Camera) -> Shown {
         light: 250.0,
         contrast: 0.9,
     };
-    let view = View::new(vec![Corner { id: 0, px: [100.0, 50.0] }]);
+    let view = View::new(vec![Corner::at(0, [100.0, 50.0])]);
     Shown { camera, image: GrayImage::filled(320, 180, 77), view, aids: AidsOf::Frame(aids) }
 }
 
