@@ -69,3 +69,20 @@ impl From<&GrayImage> for ColorImage {
         Self { width: gray.width, height: gray.height, pixels: gray.pixels.iter().map(|v| [*v; 3]).collect() }
     }
 }
+
+/// An image of real numbers: what is counted or computed pixel by pixel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FloatImage {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `height * width` values, row by row.
+    pub values: Vec<f32>,
+}
+
+impl From<&GrayImage> for FloatImage {
+    fn from(gray: &GrayImage) -> Self {
+        Self { width: gray.width, height: gray.height, values: gray.pixels.iter().map(|v| f32::from(*v)).collect() }
+    }
+}

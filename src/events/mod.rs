@@ -4,6 +4,7 @@
 //! [`Decoder`]; [`Header`] opens a RAW file, [`RawInfo`] sums one up, [`sync`] finds the windows of a session.
 
 mod accumulate;
+mod answered;
 pub mod blink;
 mod clock;
 mod decode;
@@ -17,6 +18,7 @@ pub mod sync;
 #[cfg(test)]
 mod tests;
 
+pub use answered::Answered;
 pub use accumulate::{LastPolarity, PolarityCounts};
 pub use decode::{Decoder, Sink, Skipped};
 pub use encode::Encoder;

@@ -4,7 +4,6 @@
 
 mod advice;
 mod edges;
-mod plane;
 #[cfg(test)]
 mod tests;
 
@@ -12,10 +11,11 @@ use serde::Serialize;
 
 use crate::board::{Board, View};
 use crate::cv::{CvError, charuco};
+use super::plane::BoardInImage;
 use crate::image::GrayImage;
 
 pub use advice::Reading;
-use plane::BoardInImage;
+
 
 /// Pixels a square of the drawing that tells black squares from white ones.
 const DRAWN_PX: u32 = 40;

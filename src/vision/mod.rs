@@ -4,6 +4,8 @@
 //! cameras what to turn.
 
 pub mod aids;
+mod plane;
+pub mod precise;
 
 use crate::board::{Board, Corner, View};
 use crate::cv::{

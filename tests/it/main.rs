@@ -7,6 +7,7 @@ mod bench;
 mod camera;
 mod cell_around;
 mod chromium;
+mod corners;
 mod display_proof;
 mod faults;
 mod fuzz_corpus;

@@ -4,7 +4,7 @@
 //! interpolated between pixels, which would blur by itself.
 
 use super::median;
-use super::plane::{BoardInImage, Quad};
+use super::super::plane::{BoardInImage, Quad};
 use crate::board::Board;
 use crate::image::GrayImage;
 
