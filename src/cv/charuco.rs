@@ -75,6 +75,49 @@ pub enum Look {
 /// refinement and an outlier step: as good as OpenCV 4.14, and free of the bias of 4.6.
 pub fn find_corners(board: &Board, image: &GrayImage, look: Look) -> Result<View, CvError> {
     let image = mat::from_gray(image)?;
+    let (markers, marker_ids) = detect_markers(board, &image, look)?;
+    if marker_ids.is_empty() {
+        return Ok(View::default());
+    }
+    corners_between(board, &image, look, &markers, &marker_ids)
+}
+
+/// A corner of a marker.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MarkerCorner {
+    /// Id of the marker.
+    pub marker: u32,
+    /// Where it is on the board, squares from the outer top-left corner.
+    pub square: [f64; 2],
+    /// Where it is in the image, to a pixel or so.
+    pub px: [f64; 2],
+}
+
+/// The corners of every marker of the board that is in the image, four for each.
+pub fn find_markers(board: &Board, image: &GrayImage, look: Look) -> Result<Vec<MarkerCorner>, CvError> {
+    let image = mat::from_gray(image)?;
+    let (markers, ids) = detect_markers(board, &image, look)?;
+    // Markers are counted along the white squares, row by row.
+    let squares = (0..board.squares_y).flat_map(|y| (0..board.squares_x).map(move |x| [x, y]));
+    let white: Vec<_> = squares.filter(|[x, y]| (x + y) % 2 == 1).map(|s| s.map(f64::from)).collect();
+    let half = 0.5 * board.marker_m / board.square_m;
+    let around = [[-half, -half], [half, -half], [half, half], [-half, half]];
+    let mut found = Vec::new();
+    for (corners, id) in markers.iter().zip(ids.iter()) {
+        let Some([x, y]) = usize::try_from(id).ok().and_then(|id| white.get(id)) else { continue };
+        found.extend(corners.iter().zip(around).map(|(p, [dx, dy])| MarkerCorner {
+            marker: id as u32,
+            square: [x + 0.5 + dx, y + 0.5 + dy],
+            px: [f64::from(p.x), f64::from(p.y)],
+        }));
+    }
+    Ok(found)
+}
+
+type Markers = Vector<Vector<Point2f>>;
+
+/// Markers without refinement, and their ids.
+fn detect_markers(board: &Board, image: &Mat, look: Look) -> Result<(Markers, Vector<i32>), CvError> {
     let mut parameters = aruco::DetectorParameters::create()?;
     parameters.set_corner_refinement_method(aruco::CornerRefineMethod::CORNER_REFINE_NONE as i32);
     parameters.set_min_marker_distance_rate(MIN_MARKER_DISTANCE_RATE);
@@ -82,16 +125,23 @@ pub fn find_corners(board: &Board, image: &GrayImage, look: Look) -> Result<View
         parameters.set_perspective_remove_ignored_margin_per_cell(EVENT_CELL_MARGIN);
         parameters.set_perspective_remove_pixel_per_cell(8);
     }
-    let (mut markers, mut marker_ids) = (Vector::<Vector<Point2f>>::new(), Vector::<i32>::new());
-    let mut rejected = Vector::<Vector<Point2f>>::new();
+    let (mut markers, mut ids, mut rejected) = (Markers::new(), Vector::<i32>::new(), Markers::new());
     let dictionary = dictionary(&board.dictionary)?;
-    aruco::detect_markers(&image, &dictionary, &mut markers, &mut marker_ids, &parameters, &mut rejected)?;
-    if marker_ids.is_empty() {
-        return Ok(View::default());
-    }
+    aruco::detect_markers(image, &dictionary, &mut markers, &mut ids, &parameters, &mut rejected)?;
+    Ok((markers, ids))
+}
+
+/// Corners by interpolation between markers, refined, without outliers.
+fn corners_between(
+    board: &Board,
+    image: &Mat,
+    look: Look,
+    markers: &Markers,
+    marker_ids: &Vector<i32>,
+) -> Result<View, CvError> {
     let (mut corners, mut ids) = (Vector::<Point2f>::new(), Vector::<i32>::new());
     let charuco = charuco_board(board)?;
-    aruco::interpolate_corners_charuco_def(&markers, &marker_ids, &image, &charuco, &mut corners, &mut ids)?;
+    aruco::interpolate_corners_charuco_def(markers, marker_ids, image, &charuco, &mut corners, &mut ids)?;
     if corners.is_empty() {
         return Ok(View::default());
     }
@@ -103,7 +153,7 @@ pub fn find_corners(board: &Board, image: &GrayImage, look: Look) -> Result<View
     };
     let half = Size::new(half_px, half_px);
     let stop = TermCriteria::new(3, 50, 1e-4)?;
-    imgproc::corner_sub_pix(&image, &mut corners, half, Size::new(-1, -1), stop)?;
+    imgproc::corner_sub_pix(image, &mut corners, half, Size::new(-1, -1), stop)?;
     without_outliers(board, &view(&corners))
 }
 

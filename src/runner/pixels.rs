@@ -12,14 +12,15 @@ use super::event_windows::{decode, event_windows};
 use super::setup::Setup;
 use crate::board::View;
 use crate::calibration::result::{PairedBy, Timing};
-use crate::cv::codec;
+use crate::calibration::settings::Method;
+use crate::cv::{CvError, codec};
 use crate::events::sync::Window;
-use crate::events::{Accumulated, BlinkClock, Event, LastPolarity, Trigger};
+use crate::events::{Accumulated, Answered, BlinkClock, Event, LastPolarity, Sink, Trigger};
 use crate::geometry::Camera;
-use crate::image::GrayImage;
+use crate::image::{FloatImage, GrayImage};
 use crate::recording::{Entry, Kind, Recording};
 use crate::session::{Exposure, Input, Outcome, Stamp};
-use crate::vision;
+use crate::vision::{self, precise};
 
 /// What the cameras saw, pose by pose.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -93,7 +94,16 @@ pub(super) fn look(
         if let Some(event) = setup.cameras.get(&Camera::Event) {
             let size = (event.width as u16, event.height as u16);
             let windows = event_windows(part, setup, shots, outcome, &mut seen);
-            events.extend(event_views(part, setup, size, &windows, &counter));
+            events.extend(match setup.settings.method {
+                Method::Paper => {
+                    let image = LastPolarity::new(size.0, size.1);
+                    event_views(part, image, &|image| vision::event_view(&setup.board, image), &windows, &counter)
+                }
+                Method::Precise => {
+                    let image = Answered::new(size.0, size.1, outcome.display.as_ref().map(BlinkClock::of));
+                    event_views(part, image, &|image| precise::event_view(&setup.board, image), &windows, &counter)
+                }
+            });
         }
     }
     put(&mut seen.views, Camera::Rgb, frames);
@@ -140,7 +150,7 @@ struct Within {
     all: Accumulated,
 }
 
-impl crate::events::Sink for Within {
+impl Sink for Within {
     fn event(&mut self, event: Event) {
         if self.windows.iter().any(|w| (w.start_us..w.end_us).contains(&event.t_us)) {
             self.all.event(event);
@@ -260,7 +270,11 @@ fn frame_views(
             let (w, h) = (image.width, image.height);
             return Err(named(format!("it is {w}x{h}, the camera is declared as {}x{}", camera.width, camera.height)));
         }
-        let view = vision::frame_view(&setup.board, &image).map_err(|e| named(e.to_string()))?;
+        let view = match setup.settings.method {
+            Method::Paper => vision::frame_view(&setup.board, &image),
+            Method::Precise => precise::frame_view(&setup.board, &image),
+        };
+        let view = view.map_err(|e| named(e.to_string()))?;
         counter.step();
         Ok((*pose, view))
     };
@@ -288,29 +302,50 @@ fn put(all: &mut [BTreeMap<Camera, View>], camera: Camera, views: Vec<(usize, Vi
     }
 }
 
-fn event_views(
+/// What the events of a window become.
+trait WindowImage: Sink {
+    type Image: Send + Sync;
+
+    /// The image of the window, and nothing left for the next one.
+    fn take(&mut self) -> Self::Image;
+}
+
+impl WindowImage for LastPolarity {
+    type Image = GrayImage;
+
+    fn take(&mut self) -> GrayImage {
+        let image = self.image();
+        self.clear();
+        image
+    }
+}
+
+impl WindowImage for Answered {
+    type Image = FloatImage;
+
+    fn take(&mut self) -> FloatImage {
+        let image = self.image();
+        self.clear();
+        image
+    }
+}
+
+fn event_views<W: WindowImage>(
     part: &Part<'_>,
-    setup: &Setup,
-    size: (u16, u16),
+    image: W,
+    view: &(dyn Fn(&W::Image) -> Result<View, CvError> + Sync),
     windows: &[(usize, Window)],
     counter: &Counter<'_>,
 ) -> Vec<(usize, View)> {
-    let look = |batch: Batch| -> Vec<(usize, View)> {
-        let one = |(pose, image): &(usize, GrayImage)| {
-            let view = vision::event_view(&setup.board, image).unwrap_or_default();
+    let look = |batch: Batch<W::Image>| -> Vec<(usize, View)> {
+        let one = |(pose, image): &(usize, W::Image)| {
+            let view = view(image).unwrap_or_default();
             counter.step();
             (*pose, view)
         };
         batch.par_iter().map(one).collect()
     };
-    let mut sink = Windows {
-        windows,
-        next: 0,
-        image: LastPolarity::new(size.0, size.1),
-        batch: Vec::new(),
-        views: Vec::new(),
-        look: &look,
-    };
+    let mut sink = Windows { windows, next: 0, image, batch: Vec::new(), views: Vec::new(), look: &look };
     // Whatever could be decoded is used; an unknown encoding was reported with the triggers.
     let _ = decode(part, &mut sink, &mut |_, _| ());
     sink.finish()
@@ -320,22 +355,21 @@ fn event_views(
 const BATCH: usize = 8;
 
 /// Event images with the pose that each observes.
-type Batch = Vec<(usize, GrayImage)>;
+type Batch<I> = Vec<(usize, I)>;
 
 /// Accumulates the events of each window into an image.
-struct Windows<'a> {
+struct Windows<'a, W: WindowImage> {
     windows: &'a [(usize, Window)],
     next: usize,
-    image: LastPolarity,
-    batch: Batch,
+    image: W,
+    batch: Batch<W::Image>,
     views: Vec<(usize, View)>,
-    look: &'a dyn Fn(Batch) -> Vec<(usize, View)>,
+    look: &'a dyn Fn(Batch<W::Image>) -> Vec<(usize, View)>,
 }
 
-impl Windows<'_> {
+impl<W: WindowImage> Windows<'_, W> {
     fn close(&mut self) {
-        self.batch.push((self.windows[self.next].0, self.image.image()));
-        self.image.clear();
+        self.batch.push((self.windows[self.next].0, self.image.take()));
         self.next += 1;
         if self.batch.len() >= BATCH {
             let batch = std::mem::take(&mut self.batch);
@@ -353,13 +387,13 @@ impl Windows<'_> {
     }
 }
 
-impl crate::events::Sink for Windows<'_> {
+impl<W: WindowImage> Sink for Windows<'_, W> {
     fn event(&mut self, event: Event) {
         while self.windows.get(self.next).is_some_and(|(_, w)| event.t_us >= w.end_us) {
             self.close();
         }
         if self.windows.get(self.next).is_some_and(|(_, w)| event.t_us >= w.start_us) {
-            self.image.add(&event);
+            self.image.event(event);
         }
     }
 

@@ -12,6 +12,7 @@ use crate::calibration::gates::Status;
 use crate::calibration::kinematics::{KinematicsResult, PoseKinematics, compare};
 use crate::calibration::problem::{PoseData, Problem};
 use crate::calibration::result::{CalibrationResult, NotWritable};
+use crate::calibration::settings::Method;
 use crate::calibration::solve::{self, Origin};
 use crate::recording::{Recording, RecordingError};
 use crate::session::{End, Outcome, PoseRecord, Salvage};
@@ -58,6 +59,8 @@ pub struct StoredViews {
     pub opencv: String,
     /// Version of this program.
     pub program_version: String,
+    /// How they were found.
+    pub method: Method,
     seen: Seen,
 }
 
@@ -79,11 +82,12 @@ pub fn solve_recording(
     let overrides = adjust(&mut setup)?;
     let outcome = replay(&recording, &setup)?;
     let views = match stored {
-        Some(views) => checked(views, &recording_sha256)?,
+        Some(views) => checked(views, &recording_sha256, setup.settings.method)?,
         None => StoredViews {
             recording_sha256: recording_sha256.clone(),
             opencv: crate::cv::version(),
             program_version: env!("CARGO_PKG_VERSION").into(),
+            method: setup.settings.method,
             seen: pixels::look(&recording, &setup, &outcome, progress),
         },
     };
@@ -151,7 +155,7 @@ impl MachineSpec {
     }
 }
 
-fn checked(views: StoredViews, recording_sha256: &str) -> Result<StoredViews, SolveError> {
+fn checked(views: StoredViews, recording_sha256: &str, method: Method) -> Result<StoredViews, SolveError> {
     let other = |what: &str, found: &str, now: &str| SolveError::Views(format!("{what} was {found}, is {now}"));
     if views.recording_sha256 != recording_sha256 {
         return Err(other("the recording's SHA-256", &views.recording_sha256, recording_sha256));
@@ -163,6 +167,9 @@ fn checked(views: StoredViews, recording_sha256: &str) -> Result<StoredViews, So
     let version = env!("CARGO_PKG_VERSION");
     if views.program_version != version {
         return Err(other("cellcal", &views.program_version, version));
+    }
+    if views.method != method {
+        return Err(other("the method", &format!("{:?}", views.method), &format!("{method:?}")));
     }
     Ok(views)
 }

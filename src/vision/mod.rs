@@ -54,7 +54,11 @@ fn mean(seen: &[Corner]) -> Option<Corner> {
         count += 1;
     }
     let agreed = 2 * count as usize >= seen.len() && count > 0;
-    agreed.then(|| Corner::at(seen[0].id, sum.map(|s| s / f64::from(count))))
+    // Not divided by the number of images: what pixels do wrong they do wrong in every image.
+    let covariances: Option<Vec<[f64; 3]>> = seen.iter().filter(near).map(|c| c.covariance_px2).collect();
+    let covariance_px2 =
+        covariances.map(|all| [0, 1, 2].map(|i| all.iter().map(|c| c[i]).sum::<f64>() / f64::from(count)));
+    agreed.then(|| Corner { covariance_px2, ..Corner::at(seen[0].id, sum.map(|s| s / f64::from(count))) })
 }
 
 fn median(mut values: Vec<f64>) -> f64 {

@@ -23,12 +23,17 @@ impl BoardInImage {
         let square = |p: [f64; 3]| [p[0] / board.square_m, p[1] / board.square_m];
         let pairs: Vec<_> =
             view.corners.iter().filter_map(|c| Some((square(board.corner(c.id)?.xyz_m()), c.px))).collect();
+        Self::through(board, &pairs)
+    }
+
+    /// By points of the board (squares from its outer top-left corner) and of the image (px).
+    pub(super) fn through(board: &Board, pairs: &[([f64; 2], [f64; 2])]) -> Option<Self> {
         if pairs.len() < CORNERS_MIN {
             return None;
         }
         let (from, to) = (Scaled::of(pairs.iter().map(|p| p.0)), Scaled::of(pairs.iter().map(|p| p.1)));
         let mut normal = SMatrix::<f64, 9, 9>::zeros();
-        for (a, b) in &pairs {
+        for (a, b) in pairs {
             let ([x, y], [u, v]) = (from.apply(*a), to.apply(*b));
             let rows = [[x, y, 1.0, 0.0, 0.0, 0.0, -u * x, -u * y, -u], [0.0, 0.0, 0.0, x, y, 1.0, -v * x, -v * y, -v]];
             for row in rows.map(SVector::<f64, 9>::from) {

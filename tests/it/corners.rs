@@ -82,7 +82,7 @@ fn precise_corners_are_many_times_nearer_to_the_truth() {
             let base_from_flange: Transform<Base, Flange> = pose.base_from_tcp * cell.robot.tcp_offset.inverse();
             let (start_s, rgb) = (3.7 * i as f64, placement.rgb_from_target(base_from_flange));
             let event = placement.event_from_target(base_from_flange);
-            let (mut fired, mut answered) = (LastPolarity::new(1280, 720), Answered::new(1280, 720));
+            let (mut fired, mut answered) = (LastPolarity::new(1280, 720), Answered::new(1280, 720, None));
             for e in scene.events(&event, start_s, start_s + 0.1) {
                 fired.add(&e);
                 answered.event(e);
@@ -90,8 +90,8 @@ fn precise_corners_are_many_times_nearer_to_the_truth() {
             let image = scene.expose(&rgb, start_s, 0.0999);
             let frame = vision::frame_view(board, &image).unwrap();
             let events = vision::event_view(board, &fired.image()).unwrap();
-            let better = precise::frame_corners(board, &image, &frame);
-            let better_events = precise::event_corners(board, &answered.image(), &events);
+            let better = precise::frame_view(board, &image).unwrap();
+            let better_events = precise::event_view(board, &answered.image()).unwrap();
             ([frame, better, events, better_events], rgb, event)
         };
         let seen: Vec<_> = plan.poses.par_iter().enumerate().map(look).collect();

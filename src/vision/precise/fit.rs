@@ -48,7 +48,7 @@ type Normal = SMatrix<f64, PARAMETERS, PARAMETERS>;
 /// Fits the corner at `local`; `None` where there is too little to fit or no minimum.
 pub(super) fn fit(image: &FloatImage, local: &Local, mask: Mask, light: Light) -> Option<Fit> {
     let patch = Patch::cut(image, local, mask)?;
-    let enough = patch.samples.len() >= SAMPLES_MIN && patch.samples.len() > 2 * patch.outside;
+    let enough = patch.samples.len() >= SAMPLES_MIN && patch.samples.len() > patch.outside;
     if !enough {
         return None;
     }

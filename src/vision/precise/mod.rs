@@ -1,8 +1,9 @@
 //! Corners to a few hundredths of a pixel, each with its covariance: a saddle fitted along the edges that meet in it.
 //!
-//! The same for both cameras: in a frame black squares are dark, in an event image they are what fired. Corners that
-//! the markers did not give are looked for where the plane of the others puts them. A corner counts because the fit
-//! says so, never because it was expected. Uses `board` and `image`; start at [`frame_corners`] and [`event_corners`].
+//! The same for both cameras: in a frame black squares are dark, in an event image they are what fired. The markers
+//! only say where to look, and corners between markers that were missed are looked for as well. A corner
+//! counts because the fit says so, never because it was expected. Uses `board`, `cv` and `image`; start at
+//! [`frame_view`] and [`event_view`].
 
 mod fit;
 mod model;
@@ -14,6 +15,8 @@ use nalgebra::{Matrix2, SymmetricEigen};
 
 use super::plane::BoardInImage;
 use crate::board::{Board, Corner, View};
+use crate::cv::CvError;
+use crate::cv::charuco::{self, Look, MarkerCorner};
 use crate::image::{FloatImage, GrayImage};
 use fit::{Fit, Light, fit};
 use patch::{Local, Mask};
@@ -37,43 +40,111 @@ const EROSION_PX: f64 = 4.5;
 /// Smallest step of a frame, gray levels; and of an event image, transitions that a pixel answers.
 const FRAME_STEP: f64 = 6.0;
 const EVENT_STEP: f64 = 0.2;
+/// A pixel that answered so much less than the board does is noise.
+const ANSWERED: f32 = 0.4;
+/// A marker farther from the plane of all, squares, is a false one: lenses bend large boards by less.
+const OFF_PLANE_SQUARES: f64 = 0.15;
+/// Points so near share what the plane leaves over, squares.
+const NEAR_SQUARES: f64 = 1.25;
 /// Rounds of looking where the corners found so far put the missing ones.
 const ROUNDS: usize = 2;
 
-/// Refines the corners of a frame and looks for those that are missing.
-pub fn frame_corners(board: &Board, image: &GrayImage, start: &View) -> View {
-    corners(board, &image.into(), start, Light::Frame)
+/// Finds the corners in an image of the frame camera.
+pub fn frame_view(board: &Board, image: &GrayImage) -> Result<View, CvError> {
+    let markers = markers(board, image, Look::Frame)?;
+    Ok(corners(board, &image.into(), markers, Light::Frame))
 }
 
-/// The same for an event image: how many of the display's transitions each pixel answered.
-pub fn event_corners(board: &Board, answered: &FloatImage, start: &View) -> View {
-    corners(board, answered, start, Light::Events)
+/// Finds the corners in what each pixel of the event camera answered to the display's transitions.
+pub fn event_view(board: &Board, answered: &FloatImage) -> Result<View, CvError> {
+    let markers = markers(board, &charuco::median_3x3(&dark(answered))?, Look::Events)?;
+    Ok(corners(board, answered, markers, Light::Events))
 }
 
-fn corners(board: &Board, image: &FloatImage, start: &View, light: Light) -> View {
+/// Black where a pixel answered at least two fifths of what the board answers.
+fn dark(answered: &FloatImage) -> GrayImage {
+    let mut values: Vec<f32> = answered.values.iter().copied().filter(|v| *v > 0.0).collect();
+    values.sort_by(f32::total_cmp);
+    let usual = values.get(values.len() * 9 / 10).copied().unwrap_or(0.0);
+    let limit = (ANSWERED * usual).max(f32::MIN_POSITIVE);
+    let pixels = answered.values.iter().map(|v| if *v >= limit { 0 } else { 255 }).collect();
+    GrayImage { width: answered.width, height: answered.height, pixels }
+}
+
+/// Points of the board, squares, and where they are in the image, px.
+type Pairs = Vec<([f64; 2], [f64; 2])>;
+
+/// Corners of markers that lie on one plane; of the negative where the image itself has none.
+fn markers(board: &Board, image: &GrayImage, look: Look) -> Result<Pairs, CvError> {
+    let found = charuco::find_markers(board, image, look)?;
+    let found = if found.is_empty() { charuco::find_markers(board, &image.inverted(), look)? } else { found };
+    Ok(on_one_plane(board, found))
+}
+
+/// Leaves out, one by one, the marker that fits the plane of all worst.
+fn on_one_plane(board: &Board, mut found: Vec<MarkerCorner>) -> Pairs {
+    loop {
+        let pairs: Pairs = found.iter().map(|c| (c.square, c.px)).collect();
+        let Some(plane) = BoardInImage::through(board, &pairs) else { return Pairs::new() };
+        let off = |c: &MarkerCorner| {
+            let [u, v] = plane.px(c.square);
+            (c.px[0] - u).hypot(c.px[1] - v) / square_px(&plane, c.square)
+        };
+        let worst = found.iter().map(|c| (off(c), c.marker)).max_by(|a, b| a.0.total_cmp(&b.0));
+        match worst {
+            Some((off, marker)) if !(off <= OFF_PLANE_SQUARES) => found.retain(|c| c.marker != marker),
+            _ => return pairs,
+        }
+    }
+}
+
+/// Mean side of a square about a point of the board, px.
+fn square_px(plane: &BoardInImage, [x, y]: [f64; 2]) -> f64 {
+    let far = |a: [f64; 2], b: [f64; 2]| (b[0] - a[0]).hypot(b[1] - a[1]);
+    0.5 * (far(plane.px([x - 0.5, y]), plane.px([x + 0.5, y])) + far(plane.px([x, y - 0.5]), plane.px([x, y + 0.5])))
+}
+
+fn corners(board: &Board, image: &FloatImage, mut seen: Pairs, light: Light) -> View {
     let mut found = View::default();
-    let mut seen = start.clone();
     for _ in 0..ROUNDS {
-        let Some(plane) = BoardInImage::find(board, &seen) else { break };
+        let Some(plane) = BoardInImage::through(board, &seen) else { break };
         let missing = (0..board.corner_count() as u32).filter(|id| found.px(*id).is_none());
         let better = missing.filter_map(|id| {
-            let local = local(board, &plane, id, start.px(id))?;
+            let local = local(board, &plane, &seen, id)?;
             let fit = fit(image, &local, mask(board, id), light)?;
-            accepted(&fit, &local, light).then(|| Corner { covariance_px2: Some(fit.covariance_px2), ..Corner::at(id, fit.px) })
+            let corner = Corner { covariance_px2: Some(fit.covariance_px2), ..Corner::at(id, fit.px) };
+            accepted(&fit, &local, light).then_some(corner)
         });
-        let all = found.corners.iter().copied().chain(better.collect::<Vec<_>>()).collect();
-        found = View::new(all);
-        seen = found.clone();
+        let before = found.corners.len();
+        found = View::new(found.corners.iter().copied().chain(better.collect::<Vec<_>>()).collect());
+        if found.corners.len() == before || found.corners.len() == board.corner_count() {
+            break;
+        }
+        seen = found.corners.iter().filter_map(|c| Some((square(board, c.id)?, c.px))).collect();
     }
     found
 }
 
-/// How the board lies around a corner that was seen at `seen_px`, or is where the plane puts it.
-fn local(board: &Board, plane: &BoardInImage, id: u32, seen_px: Option<[f64; 2]>) -> Option<Local> {
+/// Where a corner is on the board, squares.
+fn square(board: &Board, id: u32) -> Option<[f64; 2]> {
     let [x, y, _] = board.corner(id)?.xyz_m().map(|m| m / board.square_m);
+    Some([x, y])
+}
+
+/// How the board lies around a corner: where the plane puts it, and as far off as the points next to it are.
+fn local(board: &Board, plane: &BoardInImage, seen: &Pairs, id: u32) -> Option<Local> {
+    let [x, y] = square(board, id)?;
     let between = |a: [f64; 2], b: [f64; 2]| [b[0] - a[0], b[1] - a[1]];
+    let (mut off_px, mut count) = ([0.0; 2], 0.0);
+    for (at, px) in seen.iter().filter(|(at, _)| (at[0] - x).abs() < NEAR_SQUARES && (at[1] - y).abs() < NEAR_SQUARES) {
+        let expected = plane.px(*at);
+        off_px = [off_px[0] + px[0] - expected[0], off_px[1] + px[1] - expected[1]];
+        count += 1.0;
+    }
+    let [u, v] = plane.px([x, y]);
+    let share = if count > 0.0 { 1.0 / count } else { 0.0 };
     Some(Local {
-        at_px: seen_px.unwrap_or_else(|| plane.px([x, y])),
+        at_px: [u + share * off_px[0], v + share * off_px[1]],
         along_x_px: between(plane.px([x - 0.5, y]), plane.px([x + 0.5, y])),
         along_y_px: between(plane.px([x, y - 0.5]), plane.px([x, y + 0.5])),
     })
