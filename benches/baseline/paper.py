@@ -363,22 +363,25 @@ def solve_arm(session, board, views, cameras):
 
 
 class Stages:
-    """Wall time of each stage, printed to stderr on demand."""
+    """Wall time of each stage, and processor time of all its threads, printed to stderr on demand."""
 
     def __init__(self, printed):
-        self.printed, self.total_s = printed, 0.0
+        self.printed, self.begun = printed, self.now()
+
+    @staticmethod
+    def now():
+        return time.perf_counter(), time.process_time()
 
     @contextmanager
     def stage(self, name):
-        begun = time.perf_counter()
+        begun = self.now()
         yield
-        took_s = time.perf_counter() - begun
-        self.total_s += took_s
-        self.print(name, took_s)
+        self.print(name, begun)
 
-    def print(self, name, took_s):
+    def print(self, name, begun):
+        wall_s, processor_s = (now - then for now, then in zip(self.now(), begun, strict=True))
         if self.printed:
-            print(f"{name:<28} {took_s:8.3f} s", file=sys.stderr)
+            print(f"{name:<28} {wall_s:8.3f} s  processor {processor_s:8.3f} s", file=sys.stderr)
 
 
 def find_views(board, images, poses, options):
@@ -441,7 +444,7 @@ def calibrate(options):
         stereo = solve_stereo(board, views, cameras)
     with stages.stage("hand-eye and checks"):
         hand_eye, checks = solve_arm(session, board, views, cameras)
-    stages.print("all", stages.total_s)
+    stages.print("all", stages.begun)
     return {
         "session_id": session.id,
         "cell": cell["name"],
@@ -456,7 +459,7 @@ def calibrate(options):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("session", nargs="?", type=Path, help="a session that `cellcal run` recorded")
-    parser.add_argument("--time", action="store_true", help="print the wall time of each stage to stderr")
+    parser.add_argument("--time", action="store_true", help="print the time of each stage to stderr")
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="images looked at at once")
     parser.add_argument("--as-detected", action="store_true", help="take corners as OpenCV's detector gives them")
     parser.add_argument("--self-check", action="store_true", help="solve synthetic corners of known cameras")
