@@ -20,7 +20,10 @@ SUDO = $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 UR_RTDE = 1.6.5
 CLIENT = $(CURDIR)/target/ur-rtde-$(UR_RTDE)
 
-.PHONY: demo test packages test-packages bench
+# The paper's pipeline in OpenCV-Python, in an environment of its own too: what our speed and accuracy are compared with.
+BASELINE = target/baseline
+
+.PHONY: demo test packages test-packages bench baseline
 
 packages:
 	@dpkg -s $(PACKAGES) >/dev/null 2>&1 || { \
@@ -53,6 +56,19 @@ $(CLIENT)/ready:
 	rm -rf $(CLIENT)
 	/usr/bin/python3 -m venv $(CLIENT)
 	$(CLIENT)/bin/pip install --quiet --disable-pip-version-check ur-rtde==$(UR_RTDE)
+	touch $@
+
+# Ready when it has solved synthetic corners of known cameras.
+baseline: $(BASELINE)/ready
+
+$(BASELINE)/ready: benches/baseline/requirements.txt
+	@dpkg -s python3-venv >/dev/null 2>&1 || { \
+	  echo "installing with apt: python3-venv"; \
+	  $(SUDO) apt-get update -qq && $(SUDO) apt-get install -y --no-install-recommends python3-venv >/dev/null; }
+	rm -rf $(BASELINE)
+	/usr/bin/python3 -m venv $(BASELINE)
+	$(BASELINE)/bin/pip install --quiet --disable-pip-version-check -r benches/baseline/requirements.txt
+	PYTHONDONTWRITEBYTECODE=1 $(BASELINE)/bin/python benches/baseline/paper.py --self-check
 	touch $@
 
 # Robot time of the 39 poses against fixed waits, in controller time: the profile does not matter. Then the event
