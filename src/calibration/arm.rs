@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 
+use super::adjust::{LoopFacts, Refined};
 use super::cameras::{self, SolvedCamera};
 use super::hand_eye::{self, HandEyeMethod, Pair, Residual, Solution, Uncertainty};
 use super::observability::{self, Observability};
@@ -40,6 +41,16 @@ pub struct SolvedArm<S> {
     pub rejected: BTreeMap<usize, String>,
     /// How well the rotations span space.
     pub observability: Observability,
+    /// What the adjustment found, where the answer is its.
+    pub refined: Option<LoopFacts>,
+}
+
+impl<S> SolvedArm<S> {
+    /// The same poses and panel with the answer of the adjustment.
+    pub fn with(self, refined: Refined<S>) -> Self {
+        let Refined { solution, without, residuals, rejected, uncertainty, facts } = refined;
+        Self { solution, without, residuals, rejected, uncertainty, refined: Some(facts), ..self }
+    }
 }
 
 /// Robot pose and board pose of every pose that has both, by index of the pose.
@@ -104,6 +115,7 @@ pub fn solve<S: Solution>(problem: &Problem, pairs: &BTreeMap<usize, Pair>) -> R
         residuals,
         rejected,
         observability: observability.map_err(|e| e.to_string())?,
+        refined: None,
     })
 }
 

@@ -32,6 +32,8 @@ pub struct ViewFit {
     pub rms_px: Option<f64>,
     /// Why the view was left out; absent where it was used.
     pub rejected: Option<String>,
+    /// What of a view that was used was left out.
+    pub note: Option<String>,
 }
 
 impl SolvedCamera {
@@ -75,11 +77,20 @@ pub fn corner_rate(board: &Board, poses: &[PoseData], camera: Camera) -> Option<
 ///
 /// The error says in words what was missing.
 pub fn solve_camera(problem: &Problem, camera: Camera, setup: &CameraSetup) -> Result<SolvedCamera, String> {
+    solve_camera_within(problem, camera, setup, problem.settings.reject_view_above_px)
+}
+
+/// The same where views are dropped above another limit, px.
+pub fn solve_camera_within(
+    problem: &Problem,
+    camera: Camera,
+    setup: &CameraSetup,
+    limit: f64,
+) -> Result<SolvedCamera, String> {
     let (usable, mut fits) = sort_views(problem, camera);
     let views =
         |indices: &[usize]| -> Vec<View> { indices.iter().map(|i| problem.poses[*i].views[&camera].clone()).collect() };
     let first = solve_views(&problem.board, &views(&usable), camera, setup)?;
-    let limit = problem.settings.reject_view_above_px;
     let mut kept = Vec::new();
     for (index, rms_px) in usable.iter().zip(&first.rms_px) {
         let keep = *rms_px <= limit;
@@ -87,7 +98,7 @@ pub fn solve_camera(problem: &Problem, camera: Camera, setup: &CameraSetup) -> R
         if keep {
             kept.push(*index);
         }
-        fits.insert(*index, ViewFit { rms_px: Some(*rms_px), rejected });
+        fits.insert(*index, ViewFit { rms_px: Some(*rms_px), rejected, note: None });
     }
     let last =
         if kept.len() == usable.len() { first } else { solve_views(&problem.board, &views(&kept), camera, setup)? };
@@ -96,7 +107,7 @@ pub fn solve_camera(problem: &Problem, camera: Camera, setup: &CameraSetup) -> R
         let corners = problem.poses[*index].views[&camera].corners.len();
         sum += rms_px * rms_px * corners as f64;
         points += corners;
-        fits.insert(*index, ViewFit { rms_px: Some(*rms_px), rejected: None });
+        fits.insert(*index, ViewFit { rms_px: Some(*rms_px), rejected: None, note: None });
     }
     Ok(SolvedCamera { pinhole: last.pinhole, rms_px: (sum / points as f64).sqrt(), points, views: fits })
 }
@@ -112,13 +123,13 @@ pub fn judge_known_camera(problem: &Problem, camera: Camera, pinhole: &Pinhole) 
             Ok(pose) if pose.rms_px <= limit => {
                 sum += pose.rms_px * pose.rms_px * view.corners.len() as f64;
                 points += view.corners.len();
-                ViewFit { rms_px: Some(pose.rms_px), rejected: None }
+                ViewFit { rms_px: Some(pose.rms_px), rejected: None, note: None }
             }
             Ok(pose) => {
                 let rejected = format!("rms {:.2} px is above {limit} px with the intrinsics taken over", pose.rms_px);
-                ViewFit { rms_px: Some(pose.rms_px), rejected: Some(rejected) }
+                ViewFit { rms_px: Some(pose.rms_px), rejected: Some(rejected), note: None }
             }
-            Err(error) => ViewFit { rms_px: None, rejected: Some(error.to_string()) },
+            Err(error) => ViewFit { rms_px: None, rejected: Some(error.to_string()), note: None },
         };
         fits.insert(index, fit);
     }
@@ -137,6 +148,20 @@ pub fn board_pose(
         Pnp::Ippe => solve::board_pose(board, view, camera),
         Pnp::Epnp => solve::board_pose_epnp(board, view, camera),
     }
+}
+
+/// Share of the corners that both cameras saw, over all poses with both images, and the number of those with usable
+/// views; `None` without any.
+pub fn pair_corner_rate(problem: &Problem) -> Option<(f64, usize)> {
+    let (mut common, mut possible, mut pairs) = (0, 0, 0);
+    for pose in &problem.poses {
+        let (Some(a), Some(b)) = (pose.views.get(&Camera::Rgb), pose.views.get(&Camera::Event)) else { continue };
+        common += a.common_with(b).corners.len();
+        possible += problem.board.corner_count();
+        let usable = |view| usable(&problem.board, view, &problem.settings).is_ok();
+        pairs += usize::from(usable(a) && usable(b));
+    }
+    (possible > 0).then(|| (f64::from(common as u32) / f64::from(possible as u32), pairs))
 }
 
 /// Solves the pair from the corners that both cameras saw, intrinsics fixed; drops bad pairs once.
@@ -231,7 +256,7 @@ fn sort_views(problem: &Problem, camera: Camera) -> (Vec<usize>, BTreeMap<usize,
         match usable(&problem.board, view, &problem.settings) {
             Ok(()) => good.push(index),
             Err(why) => {
-                fits.insert(index, ViewFit { rms_px: None, rejected: Some(why) });
+                fits.insert(index, ViewFit { rms_px: None, rejected: Some(why), note: None });
             }
         }
     }

@@ -3,6 +3,7 @@
 //! Uses `geometry`, `board`, `cv`. Start at [`solve::solve`]: a [`problem::Problem`] in, a
 //! [`result::CalibrationResult`] out.
 
+pub mod adjust;
 pub mod arm;
 pub mod cameras;
 pub mod checks;

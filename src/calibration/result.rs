@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::adjust::{AdjustedLens, DisplayShape, LoopFacts, Parameters, PlaceSigma, Uncertain};
 use super::checks::{BaseDistance, TargetInBase, TargetToTcp};
 use super::gates::Verdict;
 use super::hand_eye::{HandEyeMethod, Uncertainty};
@@ -53,6 +54,12 @@ pub struct CalibrationResult {
     pub hand_eye: Option<HandEyeResult>,
     /// The consistency checks.
     pub checks: ChecksResult,
+    /// How the display is bent; only of `method: precise`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub display_shape: Option<DisplayShape>,
+    /// Everything that was solved together with its covariance, one entry a rig; only of `method: precise`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub uncertainty: Vec<Parameters>,
     /// How well the models of the arm explain what its controller says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kinematics: Option<KinematicsResult>,
@@ -101,6 +108,9 @@ pub struct CameraResult {
     /// Lens and its setting, where declared.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lens: Option<String>,
+    /// Terms of distortion and how sure all numbers are; only of `method: precise`, solved.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub adjusted: Option<AdjustedLens>,
 }
 
 impl CameraResult {
@@ -132,6 +142,9 @@ pub struct StereoResult {
     /// poses from the frame camera alone.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub taken_over: bool,
+    /// How sure the transform is; only of `method: precise`, solved.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigma: Option<Uncertain<PlaceSigma>>,
 }
 
 /// Where camera and target are.
@@ -164,6 +177,9 @@ pub struct HandEyeResult {
     /// Jackknife over the poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<Uncertainty>,
+    /// What the adjustment found about camera, target and arm; only of `hand_eye: refined`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refined: Option<LoopFacts>,
     /// RMS scatter of the target's origin over the poses used, m.
     pub scatter_rms_m: f64,
     /// Poses used.

@@ -51,6 +51,8 @@ pub enum Pnp {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HandEyeMethod {
+    /// The adjustment of `method: precise`, in one problem with the cameras; starts from Tsai and Lenz.
+    Refined,
     /// Tsai and Lenz (1989).
     Tsai,
     /// Park and Martin (1994).
@@ -96,9 +98,25 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// The usual settings of a method.
+    pub fn usual(method: Method) -> Self {
+        let hand_eye = match method {
+            Method::Paper => HandEyeMethod::Tsai,
+            Method::Precise => HandEyeMethod::Refined,
+        };
+        Self { method, hand_eye, ..Self::default() }
+    }
+
+    /// Whether the solver for hand-eye goes with the method.
+    pub fn check_method(&self) -> Result<(), String> {
+        let fits = (self.method, self.hand_eye) != (Method::Paper, HandEyeMethod::Refined);
+        if fits { Ok(()) } else { Err("hand_eye is refined, which needs method: precise".into()) }
+    }
+
     /// Checks the ranges that a cell file keeps by itself. The error names key, value and range.
     pub fn check(&self) -> Result<(), String> {
         let Self { reject_view_above_px, min_corners, .. } = self;
+        self.check_method()?;
         if !(0.05..=100.0).contains(reject_view_above_px) {
             return Err(format!("reject_view_above_px is {reject_view_above_px}, outside 0.05 to 100"));
         }

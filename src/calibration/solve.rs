@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 
+use super::adjust::{self, Adjusted, Refined};
 use super::arm::{self, SolvedArm};
 use super::cameras::{self, SolvedCamera, SolvedStereo};
 use super::gates::{self, Measured, Status, Verdict};
@@ -13,8 +14,8 @@ use super::result::{
     CalibrationResult, CameraResult, ChecksResult, HandEyeResult, PoseCamera, PoseResult, Provenance, SCHEMA_VERSION,
     StereoResult,
 };
-use super::settings::{Carried, PoseKind};
-use super::verify;
+use super::settings::{Carried, Method, PoseKind};
+use super::verify::{self, AdjustedCamera};
 use crate::cv;
 use crate::geometry::Camera;
 
@@ -35,15 +36,21 @@ pub struct Origin {
 pub fn solve(problem: &Problem, origin: Origin) -> CalibrationResult {
     let mut not_computed = BTreeMap::new();
     let cameras = solve_cameras(problem, &mut not_computed);
-    let stereo = stereo(problem, &cameras, &mut not_computed);
-    let mut arm = if problem.robot_poses { Arm::solve(problem, &cameras, &mut not_computed) } else { Arm::default() };
+    let mut adjustment = Adjustment::of(problem, &cameras);
+    let cameras = adjustment.all.as_ref().map_or(cameras.clone(), |a| a.cameras(&cameras));
+    let stereo = stereo(problem, &adjustment, &cameras, &mut not_computed);
+    let mut arm = if problem.robot_poses {
+        Arm::solve(problem, &mut adjustment, &cameras, &mut not_computed)
+    } else {
+        Arm::default()
+    };
     let poses = problem.poses.iter().enumerate().map(|(i, p)| pose_result(i, p, &cameras, &arm)).collect();
-    let mut warnings = Vec::new();
+    let mut warnings = adjustment.warnings();
     warnings.append(&mut arm.warnings);
     if problem.robot_poses {
         warnings.extend(verify::missing_pairs(problem, arm.checks.base_distance.as_ref()));
     }
-    let cameras = cameras.iter().map(|(c, s)| (*c, camera_result(problem, *c, s))).collect();
+    let cameras = cameras.iter().map(|(c, s)| (*c, camera_result(problem, &adjustment, *c, s))).collect();
     let mut result = CalibrationResult {
         schema_version: SCHEMA_VERSION,
         program_version: env!("CARGO_PKG_VERSION").into(),
@@ -57,6 +64,8 @@ pub fn solve(problem: &Problem, origin: Origin) -> CalibrationResult {
         stereo,
         hand_eye: arm.result,
         checks: arm.checks,
+        display_shape: adjustment.all.as_ref().and_then(|a| a.shape(reference_camera(problem))),
+        uncertainty: adjustment.all.as_ref().map(Adjusted::parameters).unwrap_or_default(),
         kinematics: problem.kinematics.clone(),
         timing: None,
         display: None,
@@ -72,7 +81,7 @@ fn solve_cameras(problem: &Problem, not_computed: &mut BTreeMap<String, String>)
     for (camera, setup) in &problem.cameras {
         let result = match problem.known.as_ref().and_then(|k| k.cameras.get(camera)) {
             Some(known) => Ok(cameras::judge_known_camera(problem, *camera, &known.pinhole)),
-            None => cameras::solve_camera(problem, *camera, setup),
+            None => first_solve(problem, *camera, setup),
         };
         match result {
             Ok(camera_solved) if camera_solved.rms_px.is_finite() => {
@@ -89,15 +98,64 @@ fn solve_cameras(problem: &Problem, not_computed: &mut BTreeMap<String, String>)
     solved
 }
 
+/// One camera by itself: the answer of `method: paper`, the start of `method: precise`.
+fn first_solve(problem: &Problem, camera: Camera, setup: &CameraSetup) -> Result<SolvedCamera, String> {
+    let within_limit = cameras::solve_camera(problem, camera, setup);
+    match problem.settings.method {
+        Method::Paper => within_limit,
+        // The adjustment judges the views by itself.
+        Method::Precise => within_limit.or_else(|_| cameras::solve_camera_within(problem, camera, setup, f64::INFINITY)),
+    }
+}
+
+/// What `method: precise` adds; nothing for `method: paper`.
+#[derive(Default)]
+struct Adjustment {
+    all: Option<Adjusted>,
+    /// What the loop of the robot gave, by the set-up.
+    to_hand: Option<Result<Refined<EyeToHand>, String>>,
+    in_hand: Option<Result<Refined<EyeInHand>, String>>,
+}
+
+impl Adjustment {
+    fn of(problem: &Problem, cameras: &BTreeMap<Camera, SolvedCamera>) -> Self {
+        if problem.settings.method == Method::Paper {
+            return Self::default();
+        }
+        let mut all = adjust::adjust(problem, cameras);
+        let (mut to_hand, mut in_hand) = (None, None);
+        let wanted = problem.robot_poses && problem.settings.hand_eye == HandEyeMethod::Refined;
+        if let (true, Some(reference)) = (wanted, reference_camera(problem)) {
+            match problem.carried {
+                Carried::Target => to_hand = all.with_robot(problem, reference),
+                Carried::Cameras => in_hand = all.with_robot(problem, reference),
+            }
+        }
+        Self { all: Some(all), to_hand, in_hand }
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        let mut all: Vec<String> = self.all.iter().flat_map(|a| a.warnings.clone()).collect();
+        let failed = [self.to_hand.as_ref().and_then(|r| r.as_ref().err()), self.in_hand.as_ref().and_then(|r| r.as_ref().err())];
+        all.extend(failed.into_iter().flatten().map(|why| format!("hand-eye: not refined: {why}")));
+        all
+    }
+}
+
 fn stereo(
     problem: &Problem,
+    adjustment: &Adjustment,
     cameras: &BTreeMap<Camera, SolvedCamera>,
     not_computed: &mut BTreeMap<String, String>,
 ) -> Option<StereoResult> {
     if problem.cameras.len() < 2 {
         return None;
     }
-    let solved = cameras::solve_stereo(problem, cameras);
+    let adjusted = adjustment.all.as_ref().and_then(|a| a.stereo(problem));
+    let (solved, sigma) = match adjusted {
+        Some((pair, sigma)) => (Ok(pair), Some(sigma)),
+        None => (cameras::solve_stereo(problem, cameras), None),
+    };
     let known = problem.known.as_ref().and_then(|k| k.event_from_rgb);
     match solved {
         Ok(found) => {
@@ -122,6 +180,7 @@ fn stereo(
                 pairs_rejected,
                 corner_rate,
                 taken_over: known.is_some(),
+                sigma: sigma.filter(|_| known.is_none()),
             })
         }
         Err(why) => {
@@ -144,6 +203,7 @@ struct Arm {
 impl Arm {
     fn solve(
         problem: &Problem,
+        adjustment: &mut Adjustment,
         cameras: &BTreeMap<Camera, SolvedCamera>,
         not_computed: &mut BTreeMap<String, String>,
     ) -> Self {
@@ -152,14 +212,23 @@ impl Arm {
             not_computed.insert("hand_eye".into(), "its reference camera was not solved".into());
             return Self::default();
         };
-        let (pairs, missing) = arm::pairs(problem, camera, solved);
+        if let Err(why) = problem.settings.check_method() {
+            not_computed.insert("hand_eye".into(), why);
+            return Self::default();
+        }
+        let (to_hand, in_hand) = (adjustment.to_hand.take(), adjustment.in_hand.take());
+        let adjusted = adjustment.all.as_ref().map(|a| (a, camera));
+        let (pairs, missing) = adjustment.all.as_ref().and_then(|a| a.pairs(problem, camera)).map_or_else(
+            || arm::pairs(problem, camera, solved),
+            |pairs| (pairs, BTreeMap::new()),
+        );
         let solution = match problem.carried {
-            Carried::Target => {
-                arm::solve::<EyeToHand>(problem, &pairs).map(|s| Self::to_hand(problem, camera, &pairs, s))
-            }
-            Carried::Cameras => {
-                arm::solve::<EyeInHand>(problem, &pairs).map(|s| Self::in_hand(problem, camera, &pairs, s))
-            }
+            Carried::Target => arm::solve::<EyeToHand>(problem, &pairs)
+                .map(|s| with_refined(s, to_hand))
+                .map(|s| Self::to_hand(problem, adjusted.as_ref(), camera, &pairs, s)),
+            Carried::Cameras => arm::solve::<EyeInHand>(problem, &pairs)
+                .map(|s| with_refined(s, in_hand))
+                .map(|s| Self::in_hand(problem, adjusted.as_ref(), camera, &pairs, s)),
         };
         match solution {
             Ok(mut arm) => {
@@ -170,15 +239,21 @@ impl Arm {
                 not_computed.insert("hand_eye".into(), why);
                 // In a carried camera the board's own motion says nothing about distances in `base`.
                 let carried = problem.carried == Carried::Target;
-                let base_distance = if carried { verify::distances_only(problem, &pairs) } else { None };
+                let base_distance = if carried { verify::distances_only(problem, adjusted.as_ref(), &pairs) } else { None };
                 let checks = ChecksResult { base_distance, ..ChecksResult::default() };
                 Self { checks, rejected: missing, ..Self::default() }
             }
         }
     }
 
-    fn to_hand(problem: &Problem, camera: Camera, pairs: &BTreeMap<usize, Pair>, solved: SolvedArm<EyeToHand>) -> Self {
-        let checks = verify::to_hand(problem, pairs, &solved);
+    fn to_hand(
+        problem: &Problem,
+        adjusted: Option<&AdjustedCamera<'_>>,
+        camera: Camera,
+        pairs: &BTreeMap<usize, Pair>,
+        solved: SolvedArm<EyeToHand>,
+    ) -> Self {
+        let checks = verify::to_hand(problem, adjusted, pairs, &solved);
         let EyeToHand { base_from_camera, tcp_from_target } = solved.solution;
         let panel = solved.panel.iter().filter_map(|(m, s)| Some((*m, serde_json::to_value(s.base_from_camera).ok()?)));
         let result = HandEyeResult {
@@ -191,8 +266,14 @@ impl Arm {
         Self::new(result, checks, solved)
     }
 
-    fn in_hand(problem: &Problem, camera: Camera, pairs: &BTreeMap<usize, Pair>, solved: SolvedArm<EyeInHand>) -> Self {
-        let checks = verify::in_hand(problem, pairs, &solved);
+    fn in_hand(
+        problem: &Problem,
+        adjusted: Option<&AdjustedCamera<'_>>,
+        camera: Camera,
+        pairs: &BTreeMap<usize, Pair>,
+        solved: SolvedArm<EyeInHand>,
+    ) -> Self {
+        let checks = verify::in_hand(problem, adjusted, pairs, &solved);
         let EyeInHand { tcp_from_camera, base_from_target } = solved.solution;
         let panel = solved.panel.iter().filter_map(|(m, s)| Some((*m, serde_json::to_value(s.tcp_from_camera).ok()?)));
         let result = HandEyeResult {
@@ -215,6 +296,14 @@ impl Arm {
     }
 }
 
+/// The answer of the adjustment in place of the closed form, where there is one.
+fn with_refined<S>(solved: SolvedArm<S>, refined: Option<Result<Refined<S>, String>>) -> SolvedArm<S> {
+    match refined {
+        Some(Ok(refined)) => solved.with(refined),
+        Some(Err(_)) | None => solved,
+    }
+}
+
 /// The camera that the hand-eye result is for: as set, else event where present.
 fn reference_camera(problem: &Problem) -> Option<Camera> {
     let declared = problem.settings.reference_camera;
@@ -230,7 +319,10 @@ fn hand_eye_result<S: Solution>(
     let squares = solved.residuals.values().map(|r| r.translation_m * r.translation_m).sum::<f64>();
     HandEyeResult {
         reference_camera,
-        method: problem.settings.hand_eye,
+        method: match (problem.settings.hand_eye, &solved.refined) {
+            (HandEyeMethod::Refined, None) => HandEyeMethod::Tsai,
+            (method, _) => method,
+        },
         base_from_camera: None,
         tcp_from_target: None,
         tcp_from_camera: None,
@@ -239,13 +331,19 @@ fn hand_eye_result<S: Solution>(
         panel_failed: solved.panel_failed.clone(),
         panel_spread_m: hand_eye::panel_spread(&solved.panel).map(|s| s.translation_m),
         uncertainty: solved.uncertainty.clone(),
+        refined: solved.refined.clone(),
         scatter_rms_m: (squares / solved.residuals.len() as f64).sqrt(),
         poses_used: solved.residuals.len(),
         observability: solved.observability.clone(),
     }
 }
 
-fn camera_result(problem: &Problem, camera: Camera, solved: &SolvedCamera) -> CameraResult {
+fn camera_result(
+    problem: &Problem,
+    adjustment: &Adjustment,
+    camera: Camera,
+    solved: &SolvedCamera,
+) -> CameraResult {
     let CameraSetup { serial, lens, .. } = problem.cameras[&camera].clone();
     let p = solved.pinhole;
     CameraResult {
@@ -263,6 +361,7 @@ fn camera_result(problem: &Problem, camera: Camera, solved: &SolvedCamera) -> Ca
         corner_rate: cameras::corner_rate(&problem.board, &problem.poses, camera).unwrap_or(0.0),
         serial,
         lens,
+        adjusted: adjustment.all.as_ref().and_then(|a| a.lens(camera)),
     }
 }
 
@@ -272,6 +371,7 @@ fn pose_result(index: usize, pose: &PoseData, cameras: &BTreeMap<Camera, SolvedC
     for (camera, view) in &pose.views {
         let fit = cameras.get(camera).and_then(|c| c.views.get(&index));
         reasons.extend(fit.and_then(|f| f.rejected.as_ref()).map(|why| format!("{camera}: {why}")));
+        reasons.extend(fit.and_then(|f| f.note.as_ref()).map(|what| format!("{camera}: {what}")));
         let used = fit.is_some_and(|f| f.rejected.is_none());
         if !cameras.contains_key(camera) {
             reasons.push(format!("{camera}: the camera could not be solved"));

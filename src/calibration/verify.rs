@@ -5,16 +5,26 @@
 
 use std::collections::BTreeMap;
 
+use super::adjust::Adjusted;
 use super::arm::SolvedArm;
 use super::checks::{self, BaseDistance, CheckedCorner, Sighting};
 use super::hand_eye::{EyeInHand, EyeToHand, Pair};
 use super::problem::{CheckTruth, Problem};
 use super::result::ChecksResult;
 use super::settings::PoseKind;
+use crate::geometry::Camera;
+
+/// The adjustment, and the camera that the checks look through.
+pub(super) type AdjustedCamera<'a> = (&'a Adjusted, Camera);
 
 /// The checks of a cell whose arm carries the target.
-pub(super) fn to_hand(problem: &Problem, pairs: &BTreeMap<usize, Pair>, solved: &SolvedArm<EyeToHand>) -> ChecksResult {
-    let Some(corner) = corner(problem) else { return ChecksResult::default() };
+pub(super) fn to_hand(
+    problem: &Problem,
+    adjusted: Option<&AdjustedCamera<'_>>,
+    pairs: &BTreeMap<usize, Pair>,
+    solved: &SolvedArm<EyeToHand>,
+) -> ChecksResult {
+    let Some(corner) = corner(problem, adjusted) else { return ChecksResult::default() };
     let sightings = sightings(problem, pairs, Some(&solved.rejected));
     let without = by_id(problem, &solved.without);
     let declared = problem.checks.is_some();
@@ -28,8 +38,13 @@ pub(super) fn to_hand(problem: &Problem, pairs: &BTreeMap<usize, Pair>, solved: 
 }
 
 /// The checks of a cell whose arm carries the cameras.
-pub(super) fn in_hand(problem: &Problem, pairs: &BTreeMap<usize, Pair>, solved: &SolvedArm<EyeInHand>) -> ChecksResult {
-    let Some(corner) = corner(problem) else { return ChecksResult::default() };
+pub(super) fn in_hand(
+    problem: &Problem,
+    adjusted: Option<&AdjustedCamera<'_>>,
+    pairs: &BTreeMap<usize, Pair>,
+    solved: &SolvedArm<EyeInHand>,
+) -> ChecksResult {
+    let Some(corner) = corner(problem, adjusted) else { return ChecksResult::default() };
     let sightings = sightings(problem, pairs, Some(&solved.rejected));
     let without = by_id(problem, &solved.without);
     ChecksResult {
@@ -40,9 +55,13 @@ pub(super) fn in_hand(problem: &Problem, pairs: &BTreeMap<usize, Pair>, solved: 
 }
 
 /// The distances alone, which need no hand-eye result.
-pub(super) fn distances_only(problem: &Problem, pairs: &BTreeMap<usize, Pair>) -> Option<BaseDistance> {
+pub(super) fn distances_only(
+    problem: &Problem,
+    adjusted: Option<&AdjustedCamera<'_>>,
+    pairs: &BTreeMap<usize, Pair>,
+) -> Option<BaseDistance> {
     let sightings = sightings(problem, pairs, None);
-    checks::base_distance(&corner(problem)?, None, &problem.pairs, &sightings)
+    checks::base_distance(&corner(problem, adjusted)?, None, &problem.pairs, &sightings)
 }
 
 /// Pairs whose distance could not be measured, in words.
@@ -54,11 +73,15 @@ pub(super) fn missing_pairs(problem: &Problem, measured: Option<&BaseDistance>) 
 }
 
 /// The corner that the cell declares; without a declaration the paper's corner 9 serves the distances.
-fn corner(problem: &Problem) -> Option<CheckedCorner> {
+///
+/// Where the adjustment found the display bent, the corner lies on the bent display.
+fn corner(problem: &Problem, adjusted: Option<&AdjustedCamera<'_>>) -> Option<CheckedCorner> {
     let last = (problem.board.corner_count() as u32).checked_sub(1)?;
     let declared = problem.checks.unwrap_or(CheckTruth { corner_id: last.min(9), target_to_tcp_m: None });
     let CheckTruth { corner_id, target_to_tcp_m: truth_m } = declared;
-    Some(CheckedCorner { corner_id, corner_in_target: problem.board.corner(corner_id)?, truth_m })
+    let flat = problem.board.corner(corner_id)?;
+    let bent = adjusted.and_then(|(all, camera)| all.corner(&problem.board, *camera, corner_id));
+    Some(CheckedCorner { corner_id, corner_in_target: bent.unwrap_or(flat), truth_m })
 }
 
 fn sightings(

@@ -413,7 +413,7 @@ fn gates(file: &GatesFile) -> Gates {
 }
 
 fn settings(file: &SettingsFile) -> Settings {
-    let usual = Settings::default();
+    let usual = Settings::usual(file.method.unwrap_or(Settings::default().method));
     Settings {
         method: file.method.unwrap_or(usual.method),
         reject_view_above_px: file.reject_view_above_px.unwrap_or(usual.reject_view_above_px),

@@ -189,6 +189,7 @@ fn camera(camera: Camera) -> CameraResult {
         corner_rate: if rgb { 1.0 } else { 0.983 },
         serial: rgb.then(|| "4104128837".into()),
         lens: Some("12 mm, f/11".into()),
+        adjusted: None,
     }
 }
 
@@ -224,6 +225,7 @@ fn hand_eye() -> HandEyeResult {
         panel_failed: [(HandEyeMethod::Daniilidis, "Daniilidis found no finite solution for 21 pairs".into())].into(),
         panel_spread_m: Some(0.7e-3),
         uncertainty: Some(uncertainty),
+        refined: None,
         scatter_rms_m: 0.742e-3,
         poses_used: 21,
         observability: Observability {
@@ -305,9 +307,12 @@ pub(super) fn session() -> CalibrationResult {
             pairs_rejected: 1,
             corner_rate: 0.981,
             taken_over: false,
+            sigma: None,
         }),
         hand_eye: Some(hand_eye()),
         checks,
+        display_shape: None,
+        uncertainty: Vec::new(),
         kinematics: Some(kinematics()),
         display: None,
         timing: Some(Timing {

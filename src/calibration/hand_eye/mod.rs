@@ -198,7 +198,7 @@ fn solve(method: HandEyeMethod, loops: &[(Isometry3<f64>, Isometry3<f64>)]) -> R
     }
     let motions = motion::Motions::of(method, loops)?;
     let turned = match method {
-        HandEyeMethod::Tsai => motions.with_translation(tsai::rotation(&motions)),
+        HandEyeMethod::Tsai | HandEyeMethod::Refined => motions.with_translation(tsai::rotation(&motions)),
         HandEyeMethod::Park => motions.with_translation(park::rotation(&motions)),
         HandEyeMethod::Horaud => motions.with_translation(horaud::rotation(&motions)),
         HandEyeMethod::Andreff => motions.with_translation(andreff::rotation(&motions)),

@@ -18,6 +18,7 @@ const HEALTHY_CONDITION: f64 = 2.6;
 /// The name of a solver.
 pub(in crate::report) fn method_name(method: HandEyeMethod) -> &'static str {
     match method {
+        HandEyeMethod::Refined => "refined",
         HandEyeMethod::Tsai => "tsai",
         HandEyeMethod::Park => "park",
         HandEyeMethod::Horaud => "horaud",
