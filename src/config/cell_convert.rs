@@ -52,6 +52,7 @@ pub(super) fn cell(file: CellFile, findings: &mut Findings<'_>) -> Cell {
         settings: settings(&file.settings),
         trajectories: file.trajectories,
         images_per_pose: file.images_per_pose,
+        stop_after_failed_poses: file.stop_after_failed_poses,
         sim: file.sim,
     }
 }

@@ -174,6 +174,15 @@ pub trait EventCamera: Send {
 /// Events are recorded from this long before a capture, s.
 pub const PRE_ROLL_S: f64 = 0.2;
 
+impl CameraError {
+    /// Which camera failed.
+    pub fn camera(&self) -> Camera {
+        match self {
+            Self::Silent { camera, .. } | Self::Failed { camera, .. } => *camera,
+        }
+    }
+}
+
 /// What a camera can fail with.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {

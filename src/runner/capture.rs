@@ -150,7 +150,7 @@ impl Cameras {
     }
 
     fn failed(&self, pose: usize, error: &CameraError) -> (Stamp, Input) {
-        (self.clock.now(), Input::CaptureFailed { pose, why: error.to_string() })
+        (self.clock.now(), capture_failed(pose, error))
     }
 
     /// Asks the cameras; an input when the capture is complete and logged, or has failed.
@@ -241,6 +241,11 @@ impl Cameras {
         }
         Ok(event_bytes)
     }
+}
+
+/// What the session is told of a camera that failed.
+pub(super) fn capture_failed(pose: usize, error: &CameraError) -> Input {
+    Input::CaptureFailed { pose, camera: Some(error.camera()), why: error.to_string() }
 }
 
 /// The events of some packets, in order of arrival.
