@@ -12,6 +12,7 @@ use crate::config::FrameTrigger;
 use crate::devices::{
     CameraError, CameraFacts, Clock as _, EventCamera, FrameCamera, FrameImage, PRE_ROLL_S, RawEvents,
 };
+use crate::events::sync::ClockMap;
 use crate::events::{EncodeError, Encoder, Event, Format, Trigger};
 use crate::geometry::{self, Base, Camera, Flange, Rgb, Target, Transform};
 use crate::image::GrayImage;
@@ -199,6 +200,12 @@ impl Rig {
     fn sensor_us(&self, host_us: i64) -> i64 {
         let rate = 1.0 + self.event_drift_ppm * 1e-6;
         (self.event_offset_s * 1e6 + host_us as f64 * rate).round() as i64
+    }
+
+    /// The inverse of [`Rig::sensor_us`] without its rounding.
+    pub(super) fn host_from_event_clock(&self) -> ClockMap {
+        let rate = 1.0 + self.event_drift_ppm * 1e-6;
+        ClockMap { offset_s: -self.event_offset_s / rate, ppm: (1.0 / rate - 1.0) * 1e6 }
     }
 
     /// The exposures of a free running camera between two times besides those of a burst.
