@@ -127,7 +127,8 @@ impl Run {
         let mut live = live.expecting(&cell.display);
         let outcome = setup.machine.clone().run(&mut live);
         let (outcome, path) = close(outcome, live)?;
-        tell(&outcome.end, &path);
+        let needed = !self.rehearse && cameras::beside_the_cell(&cell).is_some();
+        tell(&outcome.end, &path, needed.then_some(&*self.cell));
         say(&format!("recorded: {}", path.display()));
         if self.rehearse {
             return rehearsal::finish(&outcome, &plan, self.json, &steps.notes);
@@ -150,7 +151,7 @@ impl Run {
         let outcome = setup.machine.clone().run(&mut live)?;
         let path = live.into_recording()?;
         SOLVING.store(true, Ordering::Relaxed);
-        tell(&outcome.end, &path);
+        tell(&outcome.end, &path, None);
         say(&format!("recorded: {}", path.display()));
         solve(&path, self.json, &[])
     }
