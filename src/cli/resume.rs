@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::exit::UsageError;
 use super::progress::say;
-use super::run::{close, free_name, refuse_unanswered, refuse_unwatched, solve, time_scale};
+use super::run::{close, free_name, record, refuse_unanswered, refuse_unwatched, solve, time_scale};
 use super::session::{AtTerminal, Steps, interrupts, open, tell};
 use super::{Exit, cameras, cell, rehearsal};
 use crate::config::{Cell, MotionBy};
@@ -78,7 +78,7 @@ impl Resume {
         let mut hear = |told: Told<'_>| steps.hear(told);
         let timing = (cell.images_per_pose, setup.image_period_s);
         let live = Live::new(bench.devices, writer, timing, interrupts()?, &mut operator, &mut hear)?;
-        let mut live = live.expecting(&cell.display).resumed();
+        let mut live = live.expecting(&cell.display).recording(record(&cell)).resumed();
         let driven = runner::drive(&mut machine, &mut live).map(|()| machine.into_outcome());
         let (outcome, path) = close(driven, live)?;
         tell(&outcome.end, &path, self.cell.as_deref());

@@ -1,6 +1,6 @@
 //! From the keys of a cell file to a [`Cell`]: units, and what one range cannot say.
 
-use super::cameras::FrameTrigger;
+use super::cameras::{EventRecord, FrameTrigger};
 use super::cell::{Cell, ChecksCell, DisplayCell, MotionLimits, Mount, Nominal, RobotCell, RobotDriver};
 use super::cell_file::{BoardFile, CellFile, GatesFile, LimitsFile, NominalFile, RobotFile, SettingsFile};
 use super::error::Findings;
@@ -68,6 +68,10 @@ fn check_robot_or_none(file: &CellFile, findings: &mut Findings<'_>) {
         }
         (RobotChoice::None, false) => findings.add("trajectories", "needs an arm, but this cell has `robot: none`"),
         (RobotChoice::Arm(_), false) | (RobotChoice::None, true) => {}
+    }
+    let always = file.event.as_ref().is_some_and(|event| event.record == EventRecord::Always);
+    if always && file.robot.arm().is_none() {
+        findings.add("event.record", "`always` needs an arm, but this cell has `robot: none`: captures only");
     }
 }
 
