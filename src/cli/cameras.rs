@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::exit::{CameraOpenError, UsageError};
-use crate::config::{EventCameraCell, EventDriver, FrameCameraCell, FrameDriver};
+use crate::config::{Cell, EventCameraCell, EventDriver, FrameCameraCell, FrameDriver};
 use crate::devices::event_stream::RawFile;
 use crate::devices::pictures::Pictures;
 use crate::devices::{CameraFacts, Clock, EventCamera, FrameCamera, v4l2};
@@ -14,6 +14,15 @@ use crate::geometry::Camera;
 #[cfg(not(feature = "genicam"))]
 pub(super) const NO_GENICAM: &str = "this program was built without GenICam cameras; \
     `apt-get install libaravis-dev libusb-1.0-0-dev libxml2-dev`, then `cargo build --features genicam`";
+
+/// A camera whose source is beside the cell file, as key and value.
+pub(super) fn beside_the_cell(cell: &Cell) -> Option<(&'static str, &str)> {
+    let rgb = cell.rgb.as_ref().filter(|c| matches!(c.driver, FrameDriver::Folder | FrameDriver::Video));
+    let event = cell.event.as_ref().filter(|c| c.driver == EventDriver::File);
+    let of_rgb = rgb.and_then(|c| Some(("rgb.source", c.source.as_deref()?)));
+    let of_event = event.and_then(|c| Some(("event.source", c.source.as_deref()?)));
+    of_rgb.into_iter().chain(of_event).find(|(_, source)| Path::new(source).is_relative())
+}
 
 /// Opens a frame camera that is not simulated.
 pub(super) fn open_frame(

@@ -6,9 +6,9 @@ use clap::Args;
 
 use super::exit::UsageError;
 use super::progress::say;
-use super::run::{close, free_name, refuse_unanswered, refuse_unwatched, solve, time_scale};
+use super::run::{close, free_name, record, refuse_unanswered, refuse_unwatched, solve, time_scale};
 use super::session::{AtTerminal, Steps, interrupts, open, tell};
-use super::{Exit, cell, rehearsal};
+use super::{Exit, cameras, cell, rehearsal};
 use crate::config::{Cell, MotionBy};
 use crate::devices::sim::cell::SimStart;
 use crate::recording::{Attachment, Entry, Kind, Recording, Writer};
@@ -25,7 +25,8 @@ const PAUSE_NS: u64 = 1_000_000_000;
 pub(super) struct Resume {
     /// A session written by `run`, also one that was cut (`.partial`).
     session: PathBuf,
-    /// Refuses to go on if this cell file is not the one that the session was begun with.
+    /// Refuses to go on if this cell file is not the one that the session was begun with. Needed where a camera of it
+    /// is a folder or a file beside it.
     #[arg(long)]
     cell: Option<PathBuf>,
     /// Nobody is there: no question is asked.
@@ -70,17 +71,17 @@ impl Resume {
         }
         say(&format!("{missing} of {} poses are missing", plan.poses.len()));
         let start = SimStart { first, joints_rad: stood, ..SimStart::default() };
-        let bench = open(&self.session, &cell, &options, seed, self.time_scale, start)?;
+        let bench = open(self.cell.as_deref().unwrap_or(&self.session), &cell, &options, seed, self.time_scale, start)?;
         fresh.keep = true;
         let mut operator = AtTerminal::new(self.unattended);
         let mut steps = Steps::new(&plan);
         let mut hear = |told: Told<'_>| steps.hear(told);
         let timing = (cell.images_per_pose, setup.image_period_s);
         let live = Live::new(bench.devices, writer, timing, interrupts()?, &mut operator, &mut hear)?;
-        let mut live = live.expecting(&cell.display).resumed();
+        let mut live = live.expecting(&cell.display).recording(record(&cell)).resumed();
         let driven = runner::drive(&mut machine, &mut live).map(|()| machine.into_outcome());
         let (outcome, path) = close(driven, live)?;
-        tell(&outcome.end, &path);
+        tell(&outcome.end, &path, self.cell.as_deref());
         say(&format!("recorded: {}", path.display()));
         if options.rehearsal {
             return rehearsal::finish(&outcome, &plan, self.json, &steps.notes);
@@ -91,6 +92,10 @@ impl Resume {
     fn refuse(&self, cell: &Cell, run: &RunOptions) -> Result<(), UsageError> {
         refuse_unanswered(&self.session, run, self.unattended)?;
         refuse_unwatched(&self.session, cell, self.unattended)?;
+        if let (None, false, Some((key, source))) = (&self.cell, run.rehearsal, cameras::beside_the_cell(cell)) {
+            let why = format!("{key} is `{source}`, relative to the cell file; name that file with --cell");
+            return Err(UsageError(format!("{}: {why}", self.session.display())));
+        }
         if matches!(cell.robot.motion, MotionBy::External(_)) {
             let why = "a program of the plant moved the arm, and it cannot be told where to go on; begin a new session";
             return Err(UsageError(format!("{}: {why}", self.session.display())));

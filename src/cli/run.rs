@@ -10,7 +10,7 @@ use super::exit::{self, UsageError};
 use super::progress::{Bar, say};
 use super::session::{AtTerminal, SOLVING, Steps, interrupts, open, tell};
 use super::{Exit, cameras, cell, handheld, rehearsal, replay};
-use crate::config::{Cell, RobotDriver};
+use crate::config::{Cell, EventRecord, RobotDriver};
 use crate::devices::sim::cell::SimStart;
 use crate::devices::sim::ur::Planned as PlannedFault;
 use crate::devices::ur::MOTION_SCRIPT;
@@ -124,10 +124,11 @@ impl Run {
         let mut hear = |told: Told<'_>| steps.hear(told);
         let timing = (cell.images_per_pose, setup.image_period_s);
         let live = Live::new(bench.devices, writer, timing, interrupts()?, &mut operator, &mut hear)?;
-        let mut live = live.expecting(&cell.display);
+        let mut live = live.expecting(&cell.display).recording(record(&cell));
         let outcome = setup.machine.clone().run(&mut live);
         let (outcome, path) = close(outcome, live)?;
-        tell(&outcome.end, &path);
+        let needed = !self.rehearse && cameras::beside_the_cell(&cell).is_some();
+        tell(&outcome.end, &path, needed.then_some(&*self.cell));
         say(&format!("recorded: {}", path.display()));
         if self.rehearse {
             return rehearsal::finish(&outcome, &plan, self.json, &steps.notes);
@@ -150,7 +151,7 @@ impl Run {
         let outcome = setup.machine.clone().run(&mut live)?;
         let path = live.into_recording()?;
         SOLVING.store(true, Ordering::Relaxed);
-        tell(&outcome.end, &path);
+        tell(&outcome.end, &path, None);
         say(&format!("recorded: {}", path.display()));
         solve(&path, self.json, &[])
     }
@@ -206,6 +207,11 @@ pub(super) fn free_name(folder: &Path, base: &str) -> anyhow::Result<PathBuf> {
     let free = |path: &PathBuf| !path.exists() && !path.with_extension("mcap.partial").exists();
     let mut candidates = std::iter::once(path_of("")).chain((2..1000).map(|n| path_of(&format!("-{n}"))));
     candidates.find(free).ok_or_else(|| anyhow::anyhow!("no free name in {}", folder.display()))
+}
+
+/// When the events of a cell are recorded.
+pub(super) fn record(cell: &Cell) -> EventRecord {
+    cell.event.as_ref().map(|event| event.record).unwrap_or_default()
 }
 
 /// Closes the recording; after an error the arm is stopped first.

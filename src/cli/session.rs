@@ -177,8 +177,8 @@ impl Operator for AtTerminal {
     }
 }
 
-/// Says how a session ended.
-pub(super) fn tell(end: &End, recording: &Path) {
+/// Says how a session ended; `cell` is the file that a resumption must name.
+pub(super) fn tell(end: &End, recording: &Path, cell: Option<&Path>) {
     match end {
         End::Complete => {}
         End::PreflightFailed(findings) => {
@@ -188,7 +188,8 @@ pub(super) fn tell(end: &End, recording: &Path) {
         End::OperatorNeeded(why) => {
             say(&format!("stopped, an operator is needed: {why}"));
             say("when the robot is safe and may move again:");
-            say(&format!("  cellcal resume {}", recording.display()));
+            let cell = cell.map(|cell| format!(" --cell {}", cell.display())).unwrap_or_default();
+            say(&format!("  cellcal resume {}{cell}", recording.display()));
         }
         End::Aborted(why) => say(&format!("aborted: {why}")),
         End::Interrupted => say("interrupted; what was captured is kept"),

@@ -95,6 +95,19 @@ pub struct EventCameraCell {
     pub biases: Biases,
     /// Filters of the sensor.
     pub filters: Filters,
+    /// When its events are recorded.
+    pub record: EventRecord,
+}
+
+/// When events are recorded.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum EventRecord {
+    /// Around each capture, and while the display is watched.
+    #[default]
+    Captures,
+    /// From the first sample of the robot to the end of the session, also while the arm moves.
+    Always,
 }
 
 /// Drivers of event cameras.

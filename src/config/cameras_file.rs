@@ -4,7 +4,9 @@ use garde::Validate;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::cameras::{Biases, EventCameraCell, EventDriver, Filters, FrameCameraCell, FrameDriver, FrameTrigger};
+use super::cameras::{
+    Biases, EventCameraCell, EventDriver, EventRecord, Filters, FrameCameraCell, FrameDriver, FrameTrigger,
+};
 use super::error::Findings;
 
 /// The frame camera.
@@ -108,6 +110,9 @@ pub(super) struct EventCameraFile {
     #[serde(default)]
     #[garde(dive)]
     pub(super) filters: Filters,
+    /// `captures`: from 0.2 s before each capture to its closing edge; `always`: through the whole session.
+    #[serde(default)]
+    pub(super) record: EventRecord,
 }
 
 pub(super) fn frame_camera(file: FrameCameraFile, findings: &mut Findings<'_>) -> FrameCameraCell {
@@ -192,6 +197,7 @@ pub(super) fn event_camera(file: EventCameraFile, findings: &mut Findings<'_>) -
         trigger_channel: file.trigger_channel,
         biases: file.biases,
         filters: file.filters,
+        record: file.record,
     }
 }
 

@@ -44,6 +44,8 @@ pub struct Cell {
     pub trajectories: Vec<TrajectoryUse>,
     /// Images of the frame camera, and event windows, at each pose.
     pub images_per_pose: u32,
+    /// Poses in a row at which the same camera may fail before the session stops for an operator.
+    pub stop_after_failed_poses: u32,
     /// The simulated cell, for the driver `sim`.
     pub sim: Option<SimCell>,
 }

@@ -1,6 +1,6 @@
 //! From the keys of a cell file to a [`Cell`]: units, and what one range cannot say.
 
-use super::cameras::FrameTrigger;
+use super::cameras::{EventRecord, FrameTrigger};
 use super::cell::{Cell, ChecksCell, DisplayCell, MotionLimits, Mount, Nominal, RobotCell, RobotDriver};
 use super::cell_file::{BoardFile, CellFile, GatesFile, LimitsFile, NominalFile, RobotFile, SettingsFile};
 use super::error::Findings;
@@ -52,6 +52,7 @@ pub(super) fn cell(file: CellFile, findings: &mut Findings<'_>) -> Cell {
         settings: settings(&file.settings),
         trajectories: file.trajectories,
         images_per_pose: file.images_per_pose,
+        stop_after_failed_poses: file.stop_after_failed_poses,
         sim: file.sim,
     }
 }
@@ -67,6 +68,10 @@ fn check_robot_or_none(file: &CellFile, findings: &mut Findings<'_>) {
         }
         (RobotChoice::None, false) => findings.add("trajectories", "needs an arm, but this cell has `robot: none`"),
         (RobotChoice::Arm(_), false) | (RobotChoice::None, true) => {}
+    }
+    let always = file.event.as_ref().is_some_and(|event| event.record == EventRecord::Always);
+    if always && file.robot.arm().is_none() {
+        findings.add("event.record", "`always` needs an arm, but this cell has `robot: none`: captures only");
     }
 }
 

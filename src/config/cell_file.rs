@@ -67,12 +67,20 @@ pub(super) struct CellFile {
     #[serde(default = "one")]
     #[garde(range(min = 1, max = 100))]
     pub(super) images_per_pose: u32,
+    /// Poses in a row at which the same camera may fail before the session stops for an operator.
+    #[serde(default = "three")]
+    #[garde(range(min = 1, max = 1000))]
+    pub(super) stop_after_failed_poses: u32,
     /// The simulated cell.
     pub(super) sim: Option<SimCell>,
 }
 
 fn one() -> u32 {
     1
+}
+
+fn three() -> u32 {
+    3
 }
 
 /// The arm and how it may move.

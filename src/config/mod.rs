@@ -25,7 +25,7 @@ mod trajectory_file;
 mod write;
 
 pub use cameras::{
-    BiasPreset, Biases, EventCameraCell, EventDriver, Filters, FrameCameraCell, FrameDriver, FrameTrigger,
+    BiasPreset, Biases, EventCameraCell, EventDriver, EventRecord, Filters, FrameCameraCell, FrameDriver, FrameTrigger,
 };
 pub use cell::{
     Cell, ChecksCell, DisplayCell, IntrinsicsSource, KeepOut, MotionLimits, Mount, Nominal, RobotCell, RobotDriver,

@@ -1,8 +1,19 @@
 //! The ChArUco board in an image: drawing it and finding its corners.
+//!
+//! Markers are found by one of two modules, as this OpenCV has them; everything after that is common to both.
 
-use opencv::core::{Mat, Point2f, Ptr, Size, TermCriteria, Vector};
+#[cfg(not(markers_in_objdetect))]
+mod contrib;
+#[cfg(markers_in_objdetect)]
+mod objdetect;
+
+#[cfg(not(markers_in_objdetect))]
+use contrib::Dictionary;
+#[cfg(markers_in_objdetect)]
+use objdetect::Dictionary;
+use opencv::core::{Mat, Point2f, Size, TermCriteria, Vector};
 use opencv::prelude::*;
-use opencv::{aruco, calib3d, imgproc};
+use opencv::{calib3d, imgproc};
 
 use super::{CvError, mat};
 use crate::board::{Board, Corner, DICTIONARIES, View};
@@ -17,6 +28,8 @@ const FRAME_HALF_WINDOW_PX: i32 = 5;
 const EVENT_HALF_WINDOW_SQUARES: f64 = 0.1;
 /// Share of a marker cell at each border that is not looked at in an event image, for the same reason.
 const EVENT_CELL_MARGIN: f64 = 0.33;
+/// Pixels along a cell when an event image is read, for that margin to be some of them.
+const EVENT_CELL_PX: i32 = 8;
 /// Nearest two marker candidates, as a share of their perimeter.
 ///
 /// With OpenCV's 0.05 a marker of 0.8 of its square is dropped for the outline of the white square around
@@ -27,37 +40,31 @@ const OUTLIER_PX: f64 = 3.0;
 /// The same as a share of a square's side in the image: a strong lens bends large boards away from any plane.
 const OUTLIER_SQUARES: f64 = 0.08;
 
+/// How the cells of a marker are read where their borders say nothing.
+#[derive(Debug, Clone, Copy)]
+struct Narrowed {
+    /// Share of a cell at each border that is not looked at.
+    margin_cells: f64,
+    /// Pixels along a cell.
+    cell_px: i32,
+}
+
 /// Checks that OpenCV has the dictionary and that it has enough markers for the board.
 pub fn check_dictionary(board: &Board) -> Result<(), CvError> {
-    let dictionary = dictionary(&board.dictionary)?;
-    let (needed, has) = ((board.squares_x * board.squares_y / 2) as i32, dictionary.bytes_list().rows());
-    if needed > has {
-        let name = &board.dictionary;
-        return Err(CvError::Unusable(format!("the board needs {needed} markers, {name} has {has}")));
-    }
-    Ok(())
+    dictionary(board).map(|_| ())
 }
 
 /// Draws the board with `px_per_square` pixels a square and no margin: black 0, white 255.
 pub fn draw(board: &Board, px_per_square: u32) -> Result<GrayImage, CvError> {
-    let mut charuco = charuco_board(board)?;
     let size = [board.squares_x, board.squares_y].map(|n| i32::try_from(n * px_per_square).unwrap_or(i32::MAX));
-    let mut image = Mat::default();
-    charuco.draw(Size::new(size[0], size[1]), &mut image, 0, 1)?;
-    mat::to_gray(&image)
+    mat::to_gray(&dictionary(board)?.draw_board(board, Size::new(size[0], size[1]))?)
 }
 
 /// The markers of the board in the order of their ids, each with its black border, one pixel a module.
 pub fn markers(board: &Board) -> Result<Vec<GrayImage>, CvError> {
-    check_dictionary(board)?;
-    let dictionary = dictionary(&board.dictionary)?;
-    let side = dictionary.marker_size() + 2;
-    let draw = |id| {
-        let mut image = Mat::default();
-        dictionary.draw_marker(id, side, &mut image, 1)?;
-        mat::to_gray(&image)
-    };
-    (0..(board.squares_x * board.squares_y / 2) as i32).map(draw).collect()
+    let dictionary = dictionary(board)?;
+    let side_px = dictionary.modules() + 2;
+    (0..markers_of(board)).map(|id| mat::to_gray(&dictionary.draw(id, side_px)?)).collect()
 }
 
 /// What kind of image is looked at.
@@ -75,11 +82,20 @@ pub enum Look {
 /// refinement and an outlier step: as good as OpenCV 4.14, and free of the bias of 4.6.
 pub fn find_corners(board: &Board, image: &GrayImage, look: Look) -> Result<View, CvError> {
     let image = mat::from_gray(image)?;
-    let (markers, marker_ids) = detect_markers(board, &image, look)?;
-    if marker_ids.is_empty() {
+    let (mut corners, ids) = dictionary(board)?.find(board, &image, narrowed(look))?;
+    if corners.is_empty() {
         return Ok(View::default());
     }
-    corners_between(board, &image, look, &markers, &marker_ids)
+    let corner = |(id, p): (i32, Point2f)| Corner::at(id as u32, [f64::from(p.x), f64::from(p.y)]);
+    let view = |corners: &Vector<Point2f>| View::new(ids.iter().zip(corners.iter()).map(corner).collect());
+    let half_px = match look {
+        Look::Frame => FRAME_HALF_WINDOW_PX,
+        Look::Events => (EVENT_HALF_WINDOW_SQUARES * square_px(board, &view(&corners))).clamp(5.0, 15.0) as i32,
+    };
+    let half = Size::new(half_px, half_px);
+    let stop = TermCriteria::new(3, 50, 1e-4)?;
+    imgproc::corner_sub_pix(image, &mut corners, half, Size::new(-1, -1), stop)?;
+    without_outliers(board, &view(&corners))
 }
 
 /// A corner of a marker.
@@ -96,7 +112,7 @@ pub struct MarkerCorner {
 /// The corners of every marker of the board that is in the image, four for each.
 pub fn find_markers(board: &Board, image: &GrayImage, look: Look) -> Result<Vec<MarkerCorner>, CvError> {
     let image = mat::from_gray(image)?;
-    let (markers, ids) = detect_markers(board, &image, look)?;
+    let (markers, ids) = dictionary(board)?.markers(&image, narrowed(look))?;
     // Markers are counted along the white squares, row by row.
     let squares = (0..board.squares_y).flat_map(|y| (0..board.squares_x).map(move |x| [x, y]));
     let white: Vec<_> = squares.filter(|[x, y]| (x + y) % 2 == 1).map(|s| s.map(f64::from)).collect();
@@ -114,47 +130,9 @@ pub fn find_markers(board: &Board, image: &GrayImage, look: Look) -> Result<Vec<
     Ok(found)
 }
 
-type Markers = Vector<Vector<Point2f>>;
-
-/// Markers without refinement, and their ids.
-fn detect_markers(board: &Board, image: &Mat, look: Look) -> Result<(Markers, Vector<i32>), CvError> {
-    let mut parameters = aruco::DetectorParameters::create()?;
-    parameters.set_corner_refinement_method(aruco::CornerRefineMethod::CORNER_REFINE_NONE as i32);
-    parameters.set_min_marker_distance_rate(MIN_MARKER_DISTANCE_RATE);
-    if look == Look::Events {
-        parameters.set_perspective_remove_ignored_margin_per_cell(EVENT_CELL_MARGIN);
-        parameters.set_perspective_remove_pixel_per_cell(8);
-    }
-    let (mut markers, mut ids, mut rejected) = (Markers::new(), Vector::<i32>::new(), Markers::new());
-    let dictionary = dictionary(&board.dictionary)?;
-    aruco::detect_markers(image, &dictionary, &mut markers, &mut ids, &parameters, &mut rejected)?;
-    Ok((markers, ids))
-}
-
-/// Corners by interpolation between markers, refined, without outliers.
-fn corners_between(
-    board: &Board,
-    image: &Mat,
-    look: Look,
-    markers: &Markers,
-    marker_ids: &Vector<i32>,
-) -> Result<View, CvError> {
-    let (mut corners, mut ids) = (Vector::<Point2f>::new(), Vector::<i32>::new());
-    let charuco = charuco_board(board)?;
-    aruco::interpolate_corners_charuco_def(markers, marker_ids, image, &charuco, &mut corners, &mut ids)?;
-    if corners.is_empty() {
-        return Ok(View::default());
-    }
-    let corner = |(id, p): (i32, Point2f)| Corner::at(id as u32, [f64::from(p.x), f64::from(p.y)]);
-    let view = |corners: &Vector<Point2f>| View::new(ids.iter().zip(corners.iter()).map(corner).collect());
-    let half_px = match look {
-        Look::Frame => FRAME_HALF_WINDOW_PX,
-        Look::Events => (EVENT_HALF_WINDOW_SQUARES * square_px(board, &view(&corners))).clamp(5.0, 15.0) as i32,
-    };
-    let half = Size::new(half_px, half_px);
-    let stop = TermCriteria::new(3, 50, 1e-4)?;
-    imgproc::corner_sub_pix(image, &mut corners, half, Size::new(-1, -1), stop)?;
-    without_outliers(board, &view(&corners))
+fn narrowed(look: Look) -> Option<Narrowed> {
+    let narrowed = Narrowed { margin_cells: EVENT_CELL_MARGIN, cell_px: EVENT_CELL_PX };
+    (look == Look::Events).then_some(narrowed)
 }
 
 /// Median filter over 3x3 pixels.
@@ -198,18 +176,23 @@ fn square_px(board: &Board, view: &View) -> f64 {
     distances.get(distances.len() / 2).copied().unwrap_or(0.0)
 }
 
-fn charuco_board(board: &Board) -> Result<Ptr<aruco::CharucoBoard>, CvError> {
-    check_dictionary(board)?;
-    let (x, y) = (board.squares_x as i32, board.squares_y as i32);
-    let dictionary = dictionary(&board.dictionary)?;
-    Ok(aruco::CharucoBoard::create(x, y, board.square_m as f32, board.marker_m as f32, &dictionary)?)
+/// How many markers the board has.
+fn markers_of(board: &Board) -> i32 {
+    (board.squares_x * board.squares_y / 2) as i32
 }
 
-fn dictionary(name: &str) -> Result<Ptr<aruco::Dictionary>, CvError> {
-    let Some(index) = DICTIONARIES.iter().position(|known| *known == name) else {
-        return Err(CvError::Dictionary(name.into()));
+/// The dictionary of the board; it has enough markers for it.
+fn dictionary(board: &Board) -> Result<Dictionary, CvError> {
+    let name = &board.dictionary;
+    let Some(index) = DICTIONARIES.iter().position(|known| known == name) else {
+        return Err(CvError::Dictionary(name.clone()));
     };
-    Ok(aruco::Dictionary::get(i32::try_from(index).unwrap_or(0))?)
+    let dictionary = Dictionary::numbered(i32::try_from(index).unwrap_or(0))?;
+    let (needed, has) = (markers_of(board), dictionary.count());
+    if needed > has {
+        return Err(CvError::Unusable(format!("the board needs {needed} markers, {name} has {has}")));
+    }
+    Ok(dictionary)
 }
 
 #[cfg(test)]

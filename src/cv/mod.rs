@@ -1,7 +1,8 @@
 //! OpenCV: the only module that names it. Plain functions, our types in and out.
 //!
-//! Uses `geometry`, `image`, `board`. Debian 12's OpenCV 4.6: its ChArUco corners are biased by about
-//! half a pixel as they come, so [`charuco`] refines them itself.
+//! Uses `geometry`, `image`, `board`. Debian 12 has OpenCV 4.6, Debian 13 has 4.10, and their functions for
+//! markers differ: `build.rs` says which are there. The ChArUco corners of 4.6 are biased by about half a pixel as
+//! they come, so [`charuco`] refines them itself.
 
 pub mod charuco;
 pub mod codec;

@@ -167,12 +167,23 @@ pub trait EventCamera: Send {
     fn encoding(&self) -> &'static str;
     /// Starts recording; what came in the last [`PRE_ROLL_S`] before is kept too, as far as the camera ran.
     fn begin(&mut self) -> Result<(), CameraError>;
-    /// Stops recording and hands over what was recorded since [`EventCamera::begin`].
+    /// Hands over what has come since [`EventCamera::begin`] or the last call, and goes on recording. Returns at once.
+    fn take(&mut self) -> Result<Vec<RawEvents>, CameraError>;
+    /// Stops recording and hands over what was recorded since [`EventCamera::begin`] and not yet taken.
     fn end(&mut self) -> Result<Vec<RawEvents>, CameraError>;
 }
 
 /// Events are recorded from this long before a capture, s.
 pub const PRE_ROLL_S: f64 = 0.2;
+
+impl CameraError {
+    /// Which camera failed.
+    pub fn camera(&self) -> Camera {
+        match self {
+            Self::Silent { camera, .. } | Self::Failed { camera, .. } => *camera,
+        }
+    }
+}
 
 /// What a camera can fail with.
 #[derive(Debug, thiserror::Error)]

@@ -17,6 +17,9 @@ const CAPTURE_TIMEOUT_S: f64 = 10.0;
 /// The display is watched for this long, s.
 const WATCH_S: f64 = 1.0;
 
+/// Where everything is recorded, it is logged this often between captures, s.
+const DRAIN_S: f64 = 0.1;
+
 /// Pulses the trigger line of the frame camera.
 pub(super) type Pulse<'a> = dyn FnMut() -> Result<(), String> + 'a;
 
@@ -34,6 +37,18 @@ pub(super) struct Cameras {
     capture: Option<Capture>,
     watch: Option<Watching>,
     packets: u64,
+    between: Option<Between>,
+}
+
+/// The recording of events between captures.
+#[derive(Default)]
+struct Between {
+    /// Whether the camera records.
+    runs: bool,
+    /// When it was asked last.
+    asked: Stamp,
+    /// Taken, and not logged yet.
+    taken: Vec<RawEvents>,
 }
 
 /// How far the watching of the display is.
@@ -61,8 +76,13 @@ impl Cameras {
         timing: (u32, f64),
     ) -> Self {
         let (images_per_pose, image_period_s) = timing;
-        let (expected, capture, watch, packets) = (None, None, None, 0);
-        Self { frame, event, clock, images_per_pose, image_period_s, expected, capture, watch, packets }
+        let (expected, capture, watch, packets, between) = (None, None, None, 0, None);
+        Self { frame, event, clock, images_per_pose, image_period_s, expected, capture, watch, packets, between }
+    }
+
+    /// Records events between captures too.
+    pub(super) fn always(self) -> Self {
+        Self { between: Some(Between::default()), ..self }
     }
 
     /// What the display should do, for [`Cameras::begin_watch`].
@@ -72,6 +92,7 @@ impl Cameras {
 
     /// Begins to watch the display; an input says where that is not possible.
     pub(super) fn begin_watch(&mut self) -> Option<(Stamp, Input)> {
+        self.take_between();
         let begun = match &mut self.event {
             Some(event) => event.begin().map_err(|error| error.to_string()),
             None => Err("there is no event camera to watch the display with".into()),
@@ -87,7 +108,7 @@ impl Cameras {
         let judged = match &self.watch {
             None => return Ok(None),
             Some(Watching::Since(since)) if now.seconds() - since.seconds() < WATCH_S => return Ok(None),
-            Some(Watching::Since(_)) => match self.event.as_mut().map(|event| event.end()) {
+            Some(Watching::Since(_)) => match self.end_events() {
                 Some(Ok(packets)) => {
                     self.watch = Some(Watching::Judged(self.judge(packets.clone())));
                     self.log_events(packets, writer)?;
@@ -139,6 +160,7 @@ impl Cameras {
     }
 
     fn start(&mut self, pose: usize, attempt: u32, images: u32) -> Result<(), CameraError> {
+        self.take_between();
         if let Some(event) = &mut self.event {
             event.begin()?;
         }
@@ -150,7 +172,7 @@ impl Cameras {
     }
 
     fn failed(&self, pose: usize, error: &CameraError) -> (Stamp, Input) {
-        (self.clock.now(), Input::CaptureFailed { pose, why: error.to_string() })
+        (self.clock.now(), capture_failed(pose, error))
     }
 
     /// Asks the cameras; an input when the capture is complete and logged, or has failed.
@@ -197,7 +219,7 @@ impl Cameras {
             // Without a frame camera the windows are cut by whatever drives the trigger input.
             return Ok(None);
         }
-        let packets = self.event.as_mut().map_or(Ok(Vec::new()), |event| event.end())?;
+        let packets = self.end_events().unwrap_or(Ok(Vec::new()))?;
         Ok(Some((capture.frames.take().unwrap_or_default(), packets)))
     }
 
@@ -221,6 +243,39 @@ impl Cameras {
         Ok((self.clock.now(), Input::Captured(captured)))
     }
 
+    /// Ends the recording of a capture; where everything is recorded it goes on at once.
+    fn end_events(&mut self) -> Option<Result<Vec<RawEvents>, CameraError>> {
+        let event = self.event.as_mut()?;
+        let ended = event.end();
+        if let Some(between) = &mut self.between {
+            (between.runs, between.asked) = (event.begin().is_ok(), self.clock.now());
+        }
+        Some(ended)
+    }
+
+    /// Takes what came between captures, before it is dropped. A camera that fails now is told of at its next capture.
+    fn take_between(&mut self) {
+        let (Some(event), Some(between)) = (&mut self.event, &mut self.between) else { return };
+        if between.runs {
+            between.taken.extend(event.take().unwrap_or_default());
+        } else {
+            between.runs = event.begin().is_ok();
+        }
+        between.asked = self.clock.now();
+    }
+
+    /// Logs what came between captures, where everything is recorded: now and then, or all of it.
+    pub(super) fn log_between(&mut self, writer: &mut Background, all: bool) -> Result<(), LiveError> {
+        let Some(between) = &self.between else { return Ok(()) };
+        let due = all || self.clock.now().seconds() - between.asked.seconds() >= DRAIN_S;
+        let free = self.capture.is_none() && !matches!(self.watch, Some(Watching::Since(_)));
+        if due && free {
+            self.take_between();
+        }
+        let taken = self.between.as_mut().map(|between| std::mem::take(&mut between.taken));
+        self.log_events(taken.unwrap_or_default(), writer).map(drop)
+    }
+
     fn log_events(&mut self, packets: Vec<RawEvents>, writer: &mut Background) -> Result<u64, LiveError> {
         let Some(event) = &self.event else { return Ok(0) };
         let (size, encoding) = (event.size(), event.encoding());
@@ -241,6 +296,11 @@ impl Cameras {
         }
         Ok(event_bytes)
     }
+}
+
+/// What the session is told of a camera that failed.
+pub(super) fn capture_failed(pose: usize, error: &CameraError) -> Input {
+    Input::CaptureFailed { pose, camera: Some(error.camera()), why: error.to_string() }
 }
 
 /// The events of some packets, in order of arrival.

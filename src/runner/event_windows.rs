@@ -4,10 +4,11 @@
 use super::pixels::{Part, Seen, SeenTiming, Shot};
 use super::setup::Setup;
 use crate::calibration::result::PairedBy;
+use crate::devices::PRE_ROLL_S;
 use crate::events::sync::{Arrival, ExposureTime, HostClock, SyncSettings, TriggerSync, Window};
 use crate::events::{Decoder, Event, Format, Sink, Trigger};
 use crate::recording::{Entry, EventPacket};
-use crate::session::{Input, Outcome};
+use crate::session::{Command, Input, Outcome};
 
 /// The event windows that observe a pose, in order of time; empty with a problem noted where none can be found.
 pub(super) fn event_windows(
@@ -58,6 +59,12 @@ impl Heard {
             Mark::Packet { stamp_ns } => {
                 let arrival = |last_us| Arrival { last_us, host_s: stamp_ns as f64 * 1e-9 };
                 heard.arrivals.extend(sink.last_us.take().map(arrival));
+            }
+            Mark::Begun => {
+                // Events from long before a capture are there only where everything is recorded.
+                let from_us = sink.span_us.map_or(0, |[_, last_us]| last_us - (PRE_ROLL_S * 1e6) as i64);
+                sink.edges.retain(|edge| edge.t_us >= from_us);
+                sink.span_us = sink.span_us.map(|[first_us, last_us]| [first_us.max(from_us), last_us]);
             }
             Mark::Capture => {
                 heard.edges.push(std::mem::take(&mut sink.edges));
@@ -227,6 +234,8 @@ impl Sink for Edges {
 
 /// What [`decode`] passes.
 pub(super) enum Mark {
+    /// The begin of a capture of a live session.
+    Begun,
     /// The end of a packet.
     Packet {
         /// Its stamp: the time of its arrival where the session is live.
@@ -271,6 +280,7 @@ pub(super) fn decode<S: Sink>(
                 gap = true;
                 passed(sink, Mark::Watched);
             }
+            Entry::Command(Command::Capture { .. }) if part.joins => passed(sink, Mark::Begun),
             Entry::Input(..) | Entry::Command(_) | Entry::Image(..) => {}
         }
     }

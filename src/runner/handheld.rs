@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::World;
-use super::capture::{Cameras, Delivered, decoded};
+use super::capture::{Cameras, Delivered, capture_failed, decoded};
 use super::live::{LiveError, Told};
 use crate::board::{Board, View};
 use crate::cv::codec;
@@ -72,7 +72,7 @@ impl<'a> HandheldLive<'a> {
         let capturing = self.cameras.is_busy();
         let begun = if capturing { Ok(()) } else { self.cameras.begin_look(1) };
         if let Err(error) = begun {
-            return Ok((self.clock.now(), Input::CaptureFailed { pose: 0, why: error.to_string() }));
+            return Ok((self.clock.now(), capture_failed(0, &error)));
         }
         loop {
             if self.interrupted.swap(false, Ordering::Relaxed) {
@@ -87,7 +87,7 @@ impl<'a> HandheldLive<'a> {
                     Ok(None) => {}
                     Ok(Some(delivered)) => return Ok((self.clock.now(), Input::Looked(self.look(delivered)))),
                     Err(error) => {
-                        return Ok((self.clock.now(), Input::CaptureFailed { pose: 0, why: error.to_string() }));
+                        return Ok((self.clock.now(), capture_failed(0, &error)));
                     }
                 }
             }

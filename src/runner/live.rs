@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::World;
 use super::capture::Cameras;
-use crate::config::DisplayCell;
+use crate::config::{DisplayCell, EventRecord};
 use crate::cv::codec;
 use crate::devices::{Clock, EventCamera, FrameCamera, Robot, RobotError};
 use crate::events::blink::ExpectedBlink;
@@ -114,6 +114,14 @@ impl<'a> Live<'a> {
         Self { cameras, ..self }
     }
 
+    /// Records events as the cell says.
+    pub fn recording(self, record: EventRecord) -> Self {
+        match record {
+            EventRecord::Captures => self,
+            EventRecord::Always => Self { cameras: self.cameras.always(), ..self },
+        }
+    }
+
     /// Goes on with a session whose past is in the recording already.
     pub fn resumed(mut self) -> Self {
         let at = self.pending.front().map_or_else(|| self.clock.now(), |(at, _)| *at);
@@ -140,7 +148,8 @@ impl<'a> Live<'a> {
         let input = self.cameras.poll(&mut self.writer, &mut pulse)?;
         self.pending.extend(input);
         self.pending.extend(self.cameras.poll_watch(&mut self.writer)?);
-        Ok(())
+        // What ends a capture must be logged right after it.
+        if self.pending.is_empty() { self.cameras.log_between(&mut self.writer, false) } else { Ok(()) }
     }
 
     fn wait_for_robot(&mut self) -> (Stamp, Input) {
@@ -238,6 +247,7 @@ impl World for Live<'_> {
     }
 
     fn finish(&mut self) -> Result<(), LiveError> {
+        self.cameras.log_between(&mut self.writer, true)?;
         Ok(self.writer.sync()?)
     }
 }

@@ -35,6 +35,8 @@ pub struct Past<'a> {
     writer: &'a mut Writer,
     /// Images and events of a capture whose end has not been seen yet.
     waiting: Vec<Entry>,
+    /// Whether a capture has begun and not ended.
+    capturing: bool,
     step: usize,
     last: Stamp,
 }
@@ -49,7 +51,7 @@ impl<'a> Past<'a> {
                 other => entries.push_back(other),
             }
         }
-        Self { entries, commands, writer, waiting: Vec::new(), step: 0, last: Stamp::default() }
+        Self { entries, commands, writer, waiting: Vec::new(), capturing: false, step: 0, last: Stamp::default() }
     }
 
     /// The stamp of the last input.
@@ -74,6 +76,7 @@ impl World for Past<'_> {
 
     fn execute(&mut self, command: &Command) -> Result<(), PastError> {
         self.step += 1;
+        self.capturing |= matches!(command, Command::Capture { .. } | Command::Watch);
         if let Some(recorded) = self.commands.pop_front().filter(|recorded| !is_same(recorded, command)) {
             let (recorded, now) = (described(&recorded), described(command));
             return Err(Diverged::Command { step: self.step, recorded, now }.into());
@@ -87,9 +90,11 @@ impl World for Past<'_> {
                 self.waiting.push(entry);
                 continue;
             };
-            if matches!(input, Input::Captured(_) | Input::Watched(_)) {
+            let ended = matches!(input, Input::Captured(_) | Input::Watched(_) | Input::CaptureFailed { .. });
+            if matches!(input, Input::Captured(_) | Input::Watched(_)) || !self.capturing {
                 self.copy_waiting()?;
             }
+            self.capturing &= !ended;
             self.last = at;
             self.writer.input(at, &input)?;
             return Ok(Some((at, input)));

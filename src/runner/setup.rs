@@ -487,12 +487,13 @@ fn machine(cell: &Cell, arm: &Arm, plan: &Plan, run: &RunOptions) -> MachineSpec
         home: home.map(|h| Stop { target: h.target, joints_rad: robot.home_joints_rad, move_s: h.move_s }),
         ways: Ways::new(move |from, to, speed| moves.between(from, to, speed).map_err(|why| why.to_string())),
     };
+    let failed_poses = cell.stop_after_failed_poses;
     let patience_s = external.map_or(Options::default().patience_s, |e| e.patience_s);
     MachineSpec::Live {
         route: Box::new(route),
         limits: robot.stillness.clone(),
         expected: Box::new(expected_of(cell)),
-        options: Options { confirm_each: run.confirm_each, patience_s, watch: watch(cell, plan, run) },
+        options: Options { confirm_each: run.confirm_each, patience_s, watch: watch(cell, plan, run), failed_poses },
         load: robot.load_program.clone(),
     }
 }

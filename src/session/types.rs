@@ -153,6 +153,9 @@ pub enum Input {
     CaptureFailed {
         /// Index of the pose.
         pose: usize,
+        /// Which camera; absent in recordings of before it was said.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        camera: Option<Camera>,
         /// What was seen, in words.
         why: String,
     },

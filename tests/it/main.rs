@@ -1,6 +1,7 @@
 //! The one integration-test binary: every process start loads OpenCV, so one is enough.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test may stop where something is not as it must be")]
 
+mod always;
 mod architecture;
 mod bad_input;
 mod bench;

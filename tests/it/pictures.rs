@@ -12,6 +12,7 @@ use cellcal::recording::{Entry, Recording};
 use cellcal::session::Stamp;
 use serde_json::Value;
 
+use crate::bench;
 use crate::support::{cellcal, expect, json, stderr, text};
 
 /// The simulated cell with the twelve distance poses for intrinsics, and these words for its frame camera.
@@ -97,6 +98,38 @@ fn what_is_wrong_with_a_source_is_said_before_anything_moves() {
     let cell = cell(folder.path(), "driver: v4l2\n  source: /dev/video987");
     let said = stderr(&expect(6, &["run", text(&cell), "-o", text(&sessions)]));
     assert!(said.contains("/dev/video987: no camera that Video4Linux can open"), "{said}");
+}
+
+#[test]
+fn a_session_is_resumed_with_the_images_beside_its_cell_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let shipped = bench::texts(bench::THREE_POSES).cell.1;
+    let cell = shipped.replacen("  driver: sim\n  serial: SIM-RGB", "  driver: folder\n  source: images", 1);
+    assert!(cell.contains("source: images"), "cells/sim.yaml has changed");
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("cell.yaml"), cell).unwrap();
+    std::fs::write(at("three.yaml"), bench::THREE_POSES).unwrap();
+    std::fs::create_dir(at("images")).unwrap();
+    let plain = cellcal::cv::codec::encode_png(&cellcal::image::GrayImage::filled(1380, 780, 90)).unwrap();
+    (1..=3).for_each(|i| std::fs::write(at(&format!("images/{i}.png")), &plain).unwrap());
+    let (cell, sessions) = (at("cell.yaml"), at("elsewhere"));
+    let run = ["run", text(&cell), "--time-scale", "max", "-o", text(&sessions)];
+    let stopped = stderr(&expect(8, &[&run[..], &["--sim-fault", "protective_stop@move:3"]].concat()));
+    assert!(stopped.contains(&format!(" --cell {}", cell.display())), "{stopped}");
+    let newest = || {
+        let files = std::fs::read_dir(sessions.join("sim")).unwrap().map(|e| e.unwrap().path());
+        files.filter(|p| p.extension().is_some_and(|e| e == "mcap")).max_by_key(|p| p.as_os_str().len()).unwrap()
+    };
+    let (session, resume) = (newest(), "resume");
+    let refused = stderr(&expect(2, &[resume, text(&session), "--time-scale", "max"]));
+    assert!(
+        refused.contains("rgb.source is `images`, relative to the cell file; name that file with --cell"),
+        "{refused}"
+    );
+    // Plain gray has no corners: nothing can be judged.
+    expect(3, &[resume, text(&session), "--cell", text(&cell), "--time-scale", "max"]);
+    assert!(text(&newest()).contains("-resumed"));
+    assert_eq!(images(&newest()).len(), 3);
 }
 
 /// Time that the test tells.

@@ -10,8 +10,9 @@ use crate::runner::Looked;
 use crate::vision::aids::{Aids, EventAids, FrameAids, Reading};
 use crate::vision::{event_view, frame_view};
 
-/// Corners in pictures.
+/// Corners in pictures: a bright line in a dark border stands out from white and from black.
 pub(super) const MARK: [u8; 3] = [0, 230, 118];
+const BORDER: [u8; 3] = [0, 0, 0];
 /// Half length of the cross at a corner, as a share of the picture's width, and at least this many pixels.
 const CROSS_SHARE: f64 = 0.006;
 
@@ -73,7 +74,7 @@ impl Shown {
         let height = (width * self.image.height).div_ceil(self.image.width.max(1));
         let mut picture = shrunk(&self.image, width, height);
         let scale = width as f64 / self.image.width.max(1) as f64;
-        self.view.corners.iter().for_each(|corner| mark(&mut picture, corner, scale));
+        mark(&mut picture, &self.view.corners, scale);
         picture
     }
 }
@@ -93,13 +94,22 @@ fn shrunk(image: &GrayImage, width: usize, height: usize) -> ColorImage {
     ColorImage { width, height, pixels: (0..width * height).into_par_iter().map(value).collect() }
 }
 
-/// A cross; one pixel in a picture of few pixels.
-fn mark(picture: &mut ColorImage, corner: &Corner, scale: f64) {
+/// Crosses with a border; one pixel each, without, in a picture of few pixels.
+///
+/// All borders come first: a corner that is near another keeps its cross.
+fn mark(picture: &mut ColorImage, corners: &[Corner], scale: f64) {
     let half = (CROSS_SHARE * picture.width as f64).round() as i64;
-    let [x, y] = corner.px.map(|v| ((v + 0.5) * scale - 0.5).round() as i64);
-    for i in -half..=half {
-        picture.put(x.saturating_add(i), y, MARK);
-        picture.put(x, y.saturating_add(i), MARK);
+    let border = i64::from(half > 0);
+    for (color, around) in [(BORDER, border), (MARK, 0)] {
+        for corner in corners {
+            let [x, y] = corner.px.map(|v| ((v + 0.5) * scale - 0.5).round() as i64);
+            for along in -half - around..=half + around {
+                for beside in -around..=around {
+                    picture.put(x.saturating_add(along), y.saturating_add(beside), color);
+                    picture.put(x.saturating_add(beside), y.saturating_add(along), color);
+                }
+            }
+        }
     }
 }
 
@@ -142,5 +152,23 @@ mod tests {
         assert_eq!(small.pixels.iter().filter(|p| **p == MARK).count(), 1);
         let whole = shown().picture(4000);
         assert_eq!((whole.width, whole.height), (40, 20), "never larger than it is");
+    }
+
+    #[test]
+    fn marks_stand_out_from_white_and_from_black() {
+        // Brightness as it is seen, by ITU-R BT.709.
+        let seen = |c: [u8; 3]| 0.2126 * f64::from(c[0]) + 0.7152 * f64::from(c[1]) + 0.0722 * f64::from(c[2]);
+        for ground in [0, 255] {
+            let mut picture = ColorImage::from(&GrayImage::filled(400, 300, ground));
+            mark(&mut picture, &[Corner::at(0, [200.0, 150.0])], 1.0);
+            let of = |color: [u8; 3]| picture.pixels.iter().filter(|p| **p == color).count();
+            // 0.006 of 400 is 2: arms of 2 pixels and the middle, in a border of one pixel.
+            assert_eq!(of(MARK), 9);
+            assert_eq!(picture.at(202, 150), MARK);
+            let (border, own) = (picture.at(203, 150), seen(MARK));
+            assert!((own - seen(border)).abs() > 100.0 && (own - seen(picture.at(210, 150))).abs() > 80.0);
+            // The border alone stands out where the cross does not: on its own green.
+            assert_eq!(picture.at(201, 151), BORDER);
+        }
     }
 }

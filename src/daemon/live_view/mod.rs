@@ -1,9 +1,8 @@
 //! What the cameras see, as a web page: motion JPEG and the aids under it.
 //!
 //! Whoever has the cameras publishes and never waits: every viewer gets the latest image when it is ready for one,
-//! and misses what came in between. Start at [`LiveView`]; `routes` has the addresses, `guard` says who may ask.
+//! and misses what came in between. Start at [`LiveView`]; `routes` has the addresses.
 
-mod guard;
 mod routes;
 mod stream;
 #[cfg(test)]
@@ -19,6 +18,7 @@ use tokio::runtime::Runtime;
 use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinHandle;
 
+use crate::daemon::connections::{self, PATIENCE, Terms};
 use crate::geometry::Camera;
 
 /// Streams at one time; a page takes one a camera.
@@ -77,16 +77,10 @@ impl LiveView {
         let listener = runtime.block_on(TcpListener::bind(address))?;
         let address = listener.local_addr()?;
         let shared = Arc::new(Shared::new(cell, cameras));
-        let (stop, mut stopped) = watch::channel(false);
-        let router = routes::router(Arc::clone(&shared));
-        let server = runtime.spawn(async move {
-            let end = async move {
-                // A sender that is gone means the same.
-                let _ = stopped.wait_for(|stop| *stop).await;
-            };
-            // It ends with the signal only; a connection that broke is its own affair.
-            let _ = axum::serve(listener, router).with_graceful_shutdown(end).await;
-        });
+        let (stop, stopped) = watch::channel(false);
+        // A stream lives as long as somebody looks.
+        let terms = Terms { tls: None, patience: PATIENCE, life: None, stop: Some(stopped) };
+        let server = runtime.spawn(connections::serve(listener, terms, routes::router(Arc::clone(&shared))));
         Ok(Self { shared, runtime, server, stop, address })
     }
 

@@ -9,7 +9,8 @@ use axum::routing::get;
 use axum::{Json, Router, middleware};
 use serde_json::json;
 
-use super::{Shared, guard, stream};
+use super::{Shared, stream};
+use crate::daemon::guard::{self, Guard};
 use crate::geometry::Camera;
 
 const HTML: &str = "text/html; charset=utf-8";
@@ -28,7 +29,7 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
         .route("/event.mjpeg", get(|State(shared): State<Arc<Shared>>| async move { images(&shared, Camera::Event) }))
         .fallback(|| async { wrong(StatusCode::NOT_FOUND, "nothing is here; the page is at /") })
         .with_state(shared)
-        .layer(middleware::from_fn(guard::guard))
+        .layer(middleware::from_fn_with_state(Arc::new(Guard::Shows), guard::guard))
 }
 
 fn wrong(status: StatusCode, said: &str) -> Response {

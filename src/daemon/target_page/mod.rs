@@ -2,10 +2,8 @@
 //!
 //! The page counts refreshes and swaps two surfaces that are drawn beforehand (`page.js`, `rhythm.js`); the
 //! images are drawn here, at whole device pixels a module, and so is the size of a pixel worked out from what
-//! the user measures. Start at [`TargetPage`]; `routes` has the addresses, `guard` says who may ask.
+//! the user measures. Start at [`TargetPage`]; `routes` has the addresses.
 
-mod connections;
-mod guard;
 mod measured;
 mod routes;
 mod tls;
@@ -13,14 +11,19 @@ mod wish;
 
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::time::Duration;
 
 use tokio::net::TcpListener;
 
 use crate::board::Board;
 use crate::config::DisplayCell;
+use crate::daemon::connections::{self, PATIENCE, Terms};
 
 pub use measured::{Measured, Method};
 pub use tls::{Certificate, CertificateError, Day};
+
+/// Longest life of a connection; browsers open another.
+const LIFE: Duration = Duration::from_secs(120);
 
 /// Receives what was measured on the display; says why it could not be kept.
 pub type OnMeasured = Box<dyn Fn(&Measured) -> Result<(), String> + Send + Sync>;
@@ -61,7 +64,8 @@ impl TargetPage {
     /// Serves until it is dropped.
     pub async fn serve(self) {
         let Self { listener, config } = self;
-        let acceptor = config.certificate.as_ref().map(Certificate::acceptor);
-        connections::serve(listener, acceptor, routes::router(Arc::new(config))).await;
+        let tls = config.certificate.as_ref().map(Certificate::acceptor);
+        let terms = Terms { tls, patience: PATIENCE, life: Some(LIFE), stop: None };
+        connections::serve(listener, terms, routes::router(Arc::new(config))).await;
     }
 }

@@ -11,11 +11,11 @@ use serde_json::json;
 use tokio::sync::Semaphore;
 
 use super::PageConfig;
-use super::guard::{self, Guard};
 use super::measured::Measurement;
 use super::wish::{Wish, WishError};
 use crate::board::{self, DICTIONARIES};
 use crate::cv::{CvError, charuco, codec};
+use crate::daemon::guard::{self, Guard};
 
 /// Longest body of a post, bytes.
 const BODY: usize = 8192;
@@ -33,7 +33,7 @@ struct Page {
 }
 
 pub(super) fn router(config: Arc<PageConfig>) -> Router {
-    let guard = Arc::new(Guard::new(&config.names, config.certificate.is_some()));
+    let guard = Arc::new(Guard::of_posts(&config.names, config.certificate.is_some()));
     let asset =
         |kind: &'static str, text: &'static str| get(move || async move { ([(header::CONTENT_TYPE, kind)], text) });
     Router::new()

@@ -131,6 +131,13 @@ impl EventCamera for StreamedCamera {
         Ok(())
     }
 
+    fn take(&mut self) -> Result<Vec<RawEvents>, CameraError> {
+        let mut shared = self.locked();
+        self.check(&shared)?;
+        shared.bytes = 0;
+        Ok(std::mem::take(&mut shared.packets).into())
+    }
+
     fn end(&mut self) -> Result<Vec<RawEvents>, CameraError> {
         let asked = self.clock.now();
         let (lock, came) = &*self.shared;

@@ -189,3 +189,28 @@ fn files_that_cannot_be_played_are_refused() {
     assert!(refused(&Header::new(Format::Evt3, 1280, 720).to_bytes()).contains("no event"));
     assert!(refused(&Header::new(Format::Evt3, 640, 480).to_bytes()).contains("640 x 480"));
 }
+
+#[test]
+fn what_is_taken_between_is_there_once_and_in_order() {
+    let (mut camera, sender, clock) = camera();
+    let now_s = clock.now().seconds();
+    camera.begin().unwrap();
+    let (mut packets, mut last_s) = (Vec::new(), now_s);
+    for part in 0..4 {
+        for (k, words) in stream(100 * part, 100).into_iter().enumerate() {
+            last_s = now_s + (100 * part + k as i64 + 1) as f64 * 1e-3;
+            sender.send(packet(words, last_s)).unwrap();
+        }
+        taken(&camera, last_s);
+        packets.extend(camera.take().unwrap());
+        assert!(camera.take().unwrap().is_empty());
+        // A capture between two parts begins and ends; what comes then is not lost.
+        packets.extend(camera.end().unwrap());
+        camera.begin().unwrap();
+    }
+    let expected: Vec<i64> = (0..40_000).map(|i| i * 10).collect();
+    assert_eq!(times_us(&packets), expected);
+    sender.send(Err("unplugged".into())).unwrap();
+    taken(&camera, last_s + 1.0);
+    assert!(camera.take().unwrap_err().to_string().contains("unplugged"));
+}

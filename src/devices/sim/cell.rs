@@ -14,6 +14,7 @@ use crate::config::{Cell, FrameTrigger, Interlock, Mount, RobotDriver, Section};
 use crate::cv::{CvError, charuco};
 use crate::devices::ur::{UrConfig, UrRobot};
 use crate::devices::{CameraError, Clock, EventCamera, FrameCamera, Robot, RobotError};
+use crate::events::sync::ClockMap;
 use crate::geometry::{Base, Camera, Event, Pinhole, Rgb, Sensor, Tcp, Transform, kinematics::Joints, rotation};
 use crate::image::GrayImage;
 use crate::session::Stamp;
@@ -64,6 +65,8 @@ pub struct SimTruth {
     pub placement: Placement,
     /// `base_from_camera` or, where the cameras are carried, `tcp_from_camera`, of the reference camera.
     pub mount_of_camera: Transform<Base, Sensor>,
+    /// From the clock of the event camera to that of the session, where that begins at 0.
+    pub host_from_event_clock: ClockMap,
 }
 
 /// When and where a simulated cell begins, and what goes wrong in it.
@@ -186,14 +189,16 @@ pub(super) fn whole_rig(
         event: both(optics[1].clone(), parsed::<EventSpec>("events", section(|s| s.events.clone()))?),
         seed,
     })?;
+    let rig = rig(cell, scene, placement, whereabouts, clock, &mut draw);
     let truth = SimTruth {
         rgb: optics[0].as_ref().map(Optics::pinhole),
         event: optics[1].as_ref().map(Optics::pinhole),
         event_from_rgb,
         placement,
         mount_of_camera,
+        host_from_event_clock: rig.host_from_event_clock(),
     };
-    Ok((rig(cell, scene, placement, whereabouts, clock, &mut draw), truth))
+    Ok((rig, truth))
 }
 
 fn parsed<T: DeserializeOwned + Default>(section: &'static str, values: Option<Section>) -> Result<T, SimError> {

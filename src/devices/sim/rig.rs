@@ -12,6 +12,7 @@ use crate::config::FrameTrigger;
 use crate::devices::{
     CameraError, CameraFacts, Clock as _, EventCamera, FrameCamera, FrameImage, PRE_ROLL_S, RawEvents,
 };
+use crate::events::sync::ClockMap;
 use crate::events::{EncodeError, Encoder, Event, Format, Trigger};
 use crate::geometry::{self, Base, Camera, Flange, Rgb, Target, Transform};
 use crate::image::GrayImage;
@@ -201,14 +202,27 @@ impl Rig {
         (self.event_offset_s * 1e6 + host_us as f64 * rate).round() as i64
     }
 
+    /// The inverse of [`Rig::sensor_us`] without its rounding.
+    pub(super) fn host_from_event_clock(&self) -> ClockMap {
+        let rate = 1.0 + self.event_drift_ppm * 1e-6;
+        ClockMap { offset_s: -self.event_offset_s / rate, ppm: (1.0 / rate - 1.0) * 1e6 }
+    }
+
     /// The exposures of a free running camera between two times besides those of a burst.
     fn around(&self, burst: &[Exposure], from_s: f64, to_s: f64) -> Vec<Exposure> {
-        let Some((first, last)) = burst.first().zip(burst.last()) else { return Vec::new() };
+        let Some((first, last)) = burst.first().zip(burst.last()) else { return self.on_grid(from_s, to_s) };
         let before = ((first.start_s - from_s) / self.period_s).floor().max(0.0) as u32;
         let after = ((to_s - last.start_s) / self.period_s).floor().max(0.0) as u32;
         let early = (1..=before).map(|i| first.start_s - f64::from(i) * self.period_s);
         let late = (1..=after).map(|i| last.start_s + f64::from(i) * self.period_s);
         early.chain(late).map(|start_s| Exposure::whole(start_s, start_s + self.exposure_s)).collect()
+    }
+
+    /// The exposures of a free running camera that begin between two times, or just before.
+    fn on_grid(&self, from_s: f64, to_s: f64) -> Vec<Exposure> {
+        let number = |at_s: f64| ((at_s - self.phase_s) / self.period_s).floor() as i64;
+        let start_s = |i: i64| self.phase_s + i as f64 * self.period_s;
+        (number(from_s)..=number(to_s)).map(|i| Exposure::whole(start_s(i), start_s(i) + self.exposure_s)).collect()
     }
 
     /// What the trigger input sees between two times, in order.
@@ -229,7 +243,7 @@ impl Rig {
         if let Some(closing_s) = self.closing_s(burst).filter(|_| alone) {
             edges.extend([(closing_s, true), (closing_s + CLOSING_PULSE_S, false)]);
         }
-        edges.retain(|(host_s, _)| (from_s..=to_s).contains(host_s));
+        edges.retain(|(host_s, _)| (from_s..to_s).contains(host_s));
         edges.sort_by(|a, b| a.0.total_cmp(&b.0));
         edges.into_iter().map(|(host_s, rising)| edge(host_s, rising)).collect()
     }
@@ -366,7 +380,8 @@ pub struct SimEventCamera {
     /// Where there is no frame camera the trigger input is driven by a pulse generator.
     alone: Option<u32>,
     encoder: Encoder,
-    begun_s: f64,
+    /// What is handed over next begins here, s.
+    from_s: f64,
     /// Transfers so far.
     sent: u64,
 }
@@ -374,7 +389,7 @@ pub struct SimEventCamera {
 impl SimEventCamera {
     /// An event camera of the rig; `alone` is the number of trigger pulses where no frame camera gives them.
     pub fn new(rig: Arc<Rig>, alone: Option<u32>) -> Self {
-        Self { rig, alone, encoder: Encoder::new(Format::Evt3), begun_s: 0.0, sent: 0 }
+        Self { rig, alone, encoder: Encoder::new(Format::Evt3), from_s: 0.0, sent: 0 }
     }
 }
 
@@ -392,19 +407,34 @@ impl EventCamera for SimEventCamera {
     }
 
     fn begin(&mut self) -> Result<(), CameraError> {
-        self.begun_s = self.rig.clock.seconds();
+        // It runs before a capture already; before the session nothing is known, and nothing is sent twice.
+        self.from_s = (self.rig.clock.seconds() - PRE_ROLL_S).max(self.from_s);
         // The frame camera begins after us, if it does.
         let burst = self.alone.map(|pulses| self.rig.next_free(pulses)).unwrap_or_default();
         self.rig.set_burst(&burst);
         Ok(())
     }
 
+    fn take(&mut self) -> Result<Vec<RawEvents>, CameraError> {
+        self.from_s = self.from_s.max(self.rig.truth.oldest_s());
+        // Whole transfers that have arrived.
+        let transfers = ((self.rig.clock.seconds() - LATENCY_S[1] - self.from_s) / PACKET_S).floor();
+        if transfers >= 1.0 { self.until(self.from_s + transfers * PACKET_S) } else { Ok(Vec::new()) }
+    }
+
     fn end(&mut self) -> Result<Vec<RawEvents>, CameraError> {
+        let closing_s = self.rig.closing_s(&self.rig.burst());
+        self.until(closing_s.map_or(self.rig.clock.seconds(), |closing_s| closing_s + MARGIN_S))
+    }
+}
+
+impl SimEventCamera {
+    /// What was not handed over yet, to a time, s.
+    fn until(&mut self, to_s: f64) -> Result<Vec<RawEvents>, CameraError> {
         let burst = self.rig.burst();
         let failed = |why: String| CameraError::Failed { camera: Camera::Event, why };
-        // It runs before a capture already; before the session nothing is known.
-        let from_s = (self.begun_s - PRE_ROLL_S).max(self.rig.truth.oldest_s());
-        let to_s = self.rig.closing_s(&burst).map_or(self.rig.clock.seconds(), |closing_s| closing_s + MARGIN_S);
+        let from_s = self.from_s.max(self.rig.truth.oldest_s());
+        self.from_s = to_s;
         let base_from_flange = self.rig.flange_at(0.5 * (from_s + to_s), Camera::Event)?;
         let pose = self.rig.placement.event_from_target(base_from_flange);
         let mut events = self.rig.scene.events(&pose, from_s, to_s);
@@ -415,9 +445,7 @@ impl EventCamera for SimEventCamera {
         self.encoder.restart();
         self.packets(&events, &edges, [from_s, to_s]).map_err(|e| failed(e.to_string()))
     }
-}
 
-impl SimEventCamera {
     /// Words in transfers of 20 ms, each a little late, as a bus delivers them.
     fn packets(
         &mut self,

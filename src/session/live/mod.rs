@@ -2,8 +2,10 @@
 //! check again; at the end home. A session that ended early may be resumed.
 
 mod arrival;
+mod failing;
 mod options;
 mod position;
+mod state;
 #[cfg(test)]
 mod tests;
 
@@ -16,9 +18,12 @@ use super::types::{Captured, Command, ExecutorState, Input, RobotFacts, RobotSam
 use super::{End, Machine, Outcome, PoseRecord};
 use crate::config::Stillness as Limits;
 use crate::events::blink::DisplayProof;
+use crate::geometry::Camera;
 use arrival::has_arrived;
+use failing::Failing;
 pub use options::{Options, Watch};
 use position::Position;
+use state::{Moving, State};
 
 /// A capture that the arm disturbed is repeated at most this often.
 const MAX_ATTEMPTS: u32 = 3;
@@ -50,45 +55,13 @@ pub struct Live {
     legs: VecDeque<Leg>,
     /// Poses that were given up in this part of the session.
     given_up: Vec<usize>,
+    failing: Failing,
     confirmed: bool,
     resumed: bool,
     /// Whether the arm has been told to move.
     moved: bool,
     /// Sequence number of the last move; driver and controller count them alike.
     sequence: i32,
-}
-
-#[derive(Debug)]
-enum State {
-    Preflight {
-        seen: usize,
-    },
-    /// The operator is asked; then pre-flight goes on, or this leg.
-    Asking(Option<Box<Leg>>),
-    /// The display is watched: before anything moves, or at the first pose.
-    Watching(Option<Moving>),
-    Starting {
-        since: Stamp,
-    },
-    Moving(Moving),
-    Capturing {
-        pose: usize,
-        attempt: u32,
-        decided: Stamp,
-    },
-    /// The last command was given; its end is recorded.
-    Done(End),
-}
-
-/// A move and the rest after it.
-#[derive(Debug)]
-struct Moving {
-    leg: Leg,
-    since: Option<Stamp>,
-    arrived: Option<Stamp>,
-    attempt: u32,
-    /// Smallest position of the speed slider during the move.
-    slowest: f64,
 }
 
 impl Live {
@@ -112,6 +85,7 @@ impl Live {
             position,
             legs: VecDeque::new(),
             given_up: Vec::new(),
+            failing: Failing::default(),
             confirmed: false,
             resumed: false,
             moved: false,
@@ -347,14 +321,23 @@ impl Live {
             evidence: Some(self.history.evidence(start_s, end_s)),
             skipped: None,
         };
+        self.failing = Failing::default();
         let now = self.position.node_joints;
         Some(self.next_leg(&now))
     }
 
     fn repeat(&mut self, pose: usize, attempt: u32, why: &str) -> Command {
+        self.try_again(pose, attempt, None, why)
+    }
+
+    /// `camera` failed, or something else was wrong.
+    fn try_again(&mut self, pose: usize, attempt: u32, camera: Option<Camera>, why: &str) -> Command {
         if attempt + 1 >= MAX_ATTEMPTS {
             self.poses[pose].skipped = Some(format!("{why}, {MAX_ATTEMPTS} times"));
             self.given_up.push(pose);
+            if let Some(why) = self.failing.gave_up(camera, why, self.options.failed_poses) {
+                return self.stop(why);
+            }
             let now = self.position.node_joints;
             return self.next_leg(&now);
         }
@@ -432,6 +415,7 @@ impl Live {
         self.history.clear();
         self.legs.clear();
         self.given_up.clear();
+        self.failing = Failing::default();
         (self.confirmed, self.resumed, self.moved) = (false, true, false);
         self.display = None;
     }
@@ -464,16 +448,10 @@ impl Machine for Live {
             }
             Input::Robot(sample) => self.sample(at, sample),
             Input::Captured(captured) => self.captured(at, captured),
-            Input::CaptureFailed { pose, why } => match self.state {
-                State::Capturing { pose: now, attempt, .. } if now == *pose => Some(self.repeat(now, attempt, why)),
-                State::Preflight { .. }
-                | State::Asking(_)
-                | State::Starting { .. }
-                | State::Watching(_)
-                | State::Moving(_)
-                | State::Capturing { .. }
-                | State::Done(_) => None,
-            },
+            Input::CaptureFailed { pose, camera, why } => {
+                let State::Capturing { pose: now, attempt, .. } = self.state else { return None };
+                (now == *pose).then(|| self.try_again(now, attempt, *camera, why))
+            }
             Input::RobotLost { why } => Some(self.lost(why)),
             Input::Interrupted => Some(self.interrupted()),
             Input::Confirmed => self.answered(true),

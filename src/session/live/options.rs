@@ -9,11 +9,13 @@ pub struct Options {
     pub patience_s: f64,
     /// Where the display is proved to blink, before the first capture.
     pub watch: Watch,
+    /// Poses in a row at which the same camera may fail before the session stops.
+    pub failed_poses: u32,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { confirm_each: false, patience_s: 5.0, watch: Watch::Never }
+        Self { confirm_each: false, patience_s: 5.0, watch: Watch::Never, failed_poses: 3 }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Sessions against an arm that moves for 0.5 s and a camera that needs 0.2 s.
 
+mod camera_gone;
 mod watch;
 
 use super::super::route::{Stop, Ways};
@@ -74,6 +75,8 @@ struct Bench {
     due: Option<(f64, Captured)>,
     answers: Vec<Input>,
     display: Watched,
+    /// The camera that fails at a pose.
+    fails: fn(usize) -> Option<Camera>,
     commands: Vec<(f64, Command)>,
 }
 
@@ -89,6 +92,7 @@ impl Bench {
             due: None,
             answers: Vec::new(),
             display: Watched::Problem("nothing blinks".into()),
+            fails: |_| None,
             commands: Vec::new(),
         }
     }
@@ -146,7 +150,11 @@ impl Bench {
             spoil(self.at_s, &mut sample);
             let mut inputs = vec![Input::Robot(Box::new(sample))];
             if self.due.as_ref().is_some_and(|(when, _)| self.at_s >= *when) {
-                inputs.extend(self.due.take().map(|(_, captured)| Input::Captured(captured)));
+                let delivered = |captured: Captured| match (self.fails)(captured.pose) {
+                    None => Input::Captured(captured),
+                    camera => Input::CaptureFailed { pose: captured.pose, camera, why: "its cable is out".into() },
+                };
+                inputs.extend(self.due.take().map(|(_, captured)| delivered(captured)));
             }
             inputs.append(&mut self.answers);
             for input in inputs {
