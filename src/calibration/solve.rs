@@ -205,11 +205,12 @@ impl Arm {
         Self::new(result, checks, solved)
     }
 
-    fn new<S>(result: HandEyeResult, checks: ChecksResult, solved: SolvedArm<S>) -> Self {
+    fn new<S: Solution>(result: HandEyeResult, checks: ChecksResult, solved: SolvedArm<S>) -> Self {
         let used = solved.residuals.iter().map(|(i, r)| (*i, r.translation_m)).collect();
         let mut warnings = Vec::new();
-        if solved.uncertainty.is_none() {
-            warnings.push("hand-eye: everything hangs on one pose, so its uncertainty cannot be told".into());
+        match &solved.uncertainty {
+            None => warnings.push("hand-eye: everything hangs on one pose, so its uncertainty cannot be told".into()),
+            Some(sigma) => warnings.extend(hand_eye::disagreement(&solved.panel, sigma)),
         }
         Self { result: Some(result), checks, used, rejected: solved.rejected, warnings }
     }
