@@ -63,6 +63,10 @@ pub enum HandEyeMethod {
     Andreff,
     /// Daniilidis (1999).
     Daniilidis,
+    /// Shah (2013): both transforms, rotations first.
+    Shah,
+    /// Li, Wang and Wu (2010): both transforms at once; the most sensitive to noise.
+    Li,
 }
 
 /// Settings of a solve.

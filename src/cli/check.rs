@@ -9,6 +9,7 @@ use super::cell::{load, observability_of};
 use super::{Exit, print};
 use crate::calibration::settings::PoseKind;
 use crate::cv::charuco;
+use crate::plan::{Coverage, coverage};
 use crate::runner::setup::Planned;
 
 /// Checks a cell, its trajectories, reach, limits and duration; needs no hardware.
@@ -26,6 +27,8 @@ impl Check {
         let Planned { cell, plan, setup } = load(&self.cell)?.plan()?;
         charuco::check_dictionary(&cell.board)?;
         let (found, refused) = observability_of(&cell, &plan);
+        let seen = if plan.poses.is_empty() { Vec::new() } else { coverage(&cell, &plan) };
+        let advice: Vec<String> = seen.iter().flat_map(Coverage::advice).collect();
         let count = |kind| plan.poses.iter().filter(|p| p.kind == kind).count();
         let counts = [PoseKind::Intrinsics, PoseKind::HandEye, PoseKind::Distance].map(count);
         if self.json {
@@ -33,7 +36,7 @@ impl Check {
                 "cell": cell.name, "poses": plan.poses.len(), "duration_s": plan.duration_s,
                 "intrinsics_poses": counts[0], "hand_eye_poses": counts[1], "distance_poses": counts[2],
                 "pairs": setup.pairs.len(), "warnings": plan.warnings,
-                "observability": found, "refused": refused,
+                "observability": found, "refused": refused, "coverage": seen, "advice": advice,
             });
             print(&format!("{}\n", serde_json::to_string_pretty(&report)?))?;
         } else {
@@ -48,7 +51,9 @@ impl Check {
                 let (second, condition) = (o.second_eigenvalue, o.condition);
                 format!("observability: second eigenvalue {second:.3} (at least 0.02), condition {condition:.2} (at most 20)\n")
             }));
+            text.extend(seen.iter().map(|c| format!("{}\n", c.summary())));
             text.extend(plan.warnings.iter().map(|w| format!("warning: {w}\n")));
+            text.extend(advice.iter().map(|a| format!("advice: {a}\n")));
             text.extend(refused.iter().map(|w| format!("refused: {w}\n")));
             text.push_str(if refused.is_none() { "ok\n" } else { "" });
             print(&text)?;

@@ -10,6 +10,7 @@ mod events;
 mod exit;
 mod handheld;
 mod import;
+mod plan;
 mod progress;
 mod rehearsal;
 mod replay;
@@ -61,6 +62,8 @@ enum Command {
     Import(import::Import),
     /// Checks a cell, its trajectories, reach, limits and duration; needs no hardware.
     Check(check::Check),
+    /// Proposes one trajectory for cameras, stereo, hand-eye and checks; needs no hardware.
+    Plan(plan::PlanPoses),
     /// Makes the images that the display shows.
     #[command(subcommand)]
     Target(target::Target),
@@ -108,6 +111,7 @@ fn execute(arguments: Arguments) -> anyhow::Result<Exit> {
         Command::Replay(command) => command.execute(),
         Command::Import(command) => command.execute(),
         Command::Check(command) => command.execute(),
+        Command::Plan(command) => command.execute(),
         Command::Target(command) => command.execute(),
         Command::Report(command) => command.execute(),
         Command::Events(command) => command.execute(),

@@ -23,6 +23,7 @@ mod trajectory;
 mod trajectory_convert;
 mod trajectory_file;
 mod write;
+mod write_tour;
 
 pub use cameras::{
     BiasPreset, Biases, EventCameraCell, EventDriver, EventRecord, Filters, FrameCameraCell, FrameDriver, FrameTrigger,
@@ -36,6 +37,7 @@ pub use handheld::Handheld;
 pub use robot::{DigitalOutput, External, Interlock, Line, MotionBy, Signals, ToolShape};
 pub use trajectory::{BoardView, Motion, Pair, Pattern, Ring, Segment, Start, Stop, Trajectory};
 pub use write::{AppendError, TaughtPose, append_yaml, is_name, trajectory_yaml};
+pub use write_tour::{TourPart, tour_yaml};
 
 pub use crate::calibration::settings::{Carried, Gates, PoseKind, Settings};
 

@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
+use crate::calibration::settings::PoseKind;
 use crate::geometry::{Base, Camera, Sensor, Target, Tcp, Transform, kinematics::Joints};
 
 /// A trajectory, as its file describes it.
@@ -23,6 +24,8 @@ pub struct Trajectory {
 pub struct Segment {
     /// How its stops are approached.
     pub motion: Motion,
+    /// What its stops are for; absent: what the cell says of the file.
+    pub purpose: Option<PoseKind>,
     /// The camera that its views are for; absent, or not in the cell: the reference camera.
     pub camera: Option<Camera>,
     /// Its stops.

@@ -28,18 +28,18 @@ struct Convert<'a, 'f> {
 
 impl Convert<'_, '_> {
     fn segment(&mut self, file: SegmentFile, path: &str) -> Segment {
-        let (motion, camera) = match &file {
-            SegmentFile::Joints(s) => (s.motion, None),
-            SegmentFile::Tcp(s) => (s.motion, None),
-            SegmentFile::Views(s) => (s.motion, s.camera),
-            SegmentFile::Grid(s) => (s.motion, s.camera),
-            SegmentFile::Depth(s) => (s.motion, s.camera),
-            SegmentFile::Roll(s) => (s.motion, s.camera),
-            SegmentFile::Sweep(s) => (s.motion, s.camera),
-            SegmentFile::Orbit(s) => (s.motion, s.camera),
-            SegmentFile::Translate(s) => (s.motion, s.camera),
+        let (motion, purpose, camera) = match &file {
+            SegmentFile::Joints(s) => (s.motion, s.purpose, None),
+            SegmentFile::Tcp(s) => (s.motion, s.purpose, None),
+            SegmentFile::Views(s) => (s.motion, s.purpose, s.camera),
+            SegmentFile::Grid(s) => (s.motion, s.purpose, s.camera),
+            SegmentFile::Depth(s) => (s.motion, s.purpose, s.camera),
+            SegmentFile::Roll(s) => (s.motion, s.purpose, s.camera),
+            SegmentFile::Sweep(s) => (s.motion, s.purpose, s.camera),
+            SegmentFile::Orbit(s) => (s.motion, s.purpose, s.camera),
+            SegmentFile::Translate(s) => (s.motion, s.purpose, s.camera),
         };
-        Segment { motion, camera, pattern: self.pattern(file, path) }
+        Segment { motion, purpose, camera, pattern: self.pattern(file, path) }
     }
 
     fn pattern(&mut self, file: SegmentFile, path: &str) -> Pattern {

@@ -9,6 +9,7 @@ use serde::de::{Deserializer, Error as _, MapAccess, Visitor};
 
 use super::pose::{Degrees, Metres, Millimetres, PoseFile, Radians};
 use super::trajectory::Motion;
+use crate::calibration::settings::PoseKind;
 use crate::geometry::Camera;
 
 /// The poses to visit, or the patterns that make them.
@@ -119,6 +120,8 @@ pub(super) struct JointsFile {
     /// How the stops are approached.
     #[serde(default, rename = "move")]
     pub(super) motion: Motion,
+    /// What its stops are for; absent: what the cell says of the file.
+    pub(super) purpose: Option<PoseKind>,
     /// The stops.
     #[garde(dive)]
     pub(super) poses: Vec<JointsStop>,
@@ -144,6 +147,8 @@ pub(super) struct TcpFile {
     /// How the stops are approached.
     #[serde(default, rename = "move")]
     pub(super) motion: Motion,
+    /// What its stops are for; absent: what the cell says of the file.
+    pub(super) purpose: Option<PoseKind>,
     /// The stops.
     #[garde(dive)]
     pub(super) poses: Vec<TcpStop>,
@@ -169,6 +174,8 @@ pub(super) struct ViewsFile {
     /// How the stops are approached.
     #[serde(default, rename = "move")]
     pub(super) motion: Motion,
+    /// What its stops are for; absent: what the cell says of the file.
+    pub(super) purpose: Option<PoseKind>,
     /// The camera that the views are for; absent, or not in the cell: the reference camera.
     pub(super) camera: Option<Camera>,
     /// The stops.
@@ -215,6 +222,8 @@ pub(super) struct GridFile {
     /// How the stops are approached.
     #[serde(default, rename = "move")]
     pub(super) motion: Motion,
+    /// What its stops are for; absent: what the cell says of the file.
+    pub(super) purpose: Option<PoseKind>,
     /// The camera that the views are for; absent, or not in the cell: the reference camera.
     pub(super) camera: Option<Camera>,
     /// The middle of the grid.
@@ -239,6 +248,8 @@ pub(super) struct DepthFile {
     /// How the stops are approached.
     #[serde(default, rename = "move")]
     pub(super) motion: Motion,
+    /// What its stops are for; absent: what the cell says of the file.
+    pub(super) purpose: Option<PoseKind>,
     /// The camera that the views are for; absent, or not in the cell: the reference camera.
     pub(super) camera: Option<Camera>,
     /// The middle.
@@ -260,6 +271,8 @@ pub(super) struct RollFile {
     /// How the stops are approached.
     #[serde(default, rename = "move")]
     pub(super) motion: Motion,
+    /// What its stops are for; absent: what the cell says of the file.
+    pub(super) purpose: Option<PoseKind>,
     /// The camera that the views are for; absent, or not in the cell: the reference camera.
     pub(super) camera: Option<Camera>,
     /// The middle.
@@ -281,6 +294,8 @@ pub(super) struct SweepFile {
     /// How the stops are approached.
     #[serde(default, rename = "move")]
     pub(super) motion: Motion,
+    /// What its stops are for; absent: what the cell says of the file.
+    pub(super) purpose: Option<PoseKind>,
     /// The camera that the views are for; absent, or not in the cell: the reference camera.
     pub(super) camera: Option<Camera>,
     /// First view.
@@ -302,6 +317,8 @@ pub(super) struct OrbitFile {
     /// How the stops are approached.
     #[serde(default, rename = "move")]
     pub(super) motion: Motion,
+    /// What its stops are for; absent: what the cell says of the file.
+    pub(super) purpose: Option<PoseKind>,
     /// The camera that the views are for; absent, or not in the cell: the reference camera.
     pub(super) camera: Option<Camera>,
     /// Rings of equal tilt, in order.
@@ -343,9 +360,11 @@ pub(super) struct RingFile {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub(super) struct TranslateFile {
-    /// How the second stop of a pair is approached; the first one is always approached by a joint move.
+    /// How both stops of a pair are approached.
     #[serde(default = "linear", rename = "move")]
     pub(super) motion: Motion,
+    /// What its stops are for; absent: what the cell says of the file.
+    pub(super) purpose: Option<PoseKind>,
     /// The camera that the views are for; absent, or not in the cell: the reference camera.
     pub(super) camera: Option<Camera>,
     /// The pairs.

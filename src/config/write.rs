@@ -93,7 +93,7 @@ fn push_segment(text: &mut String, indent: &str, poses: &[TaughtPose], header: &
 }
 
 /// Each line as a comment, whatever is in it.
-fn push_comments(text: &mut String, indent: &str, lines: &[String]) {
+pub(super) fn push_comments(text: &mut String, indent: &str, lines: &[String]) {
     for line in lines.iter().flat_map(|l| l.split(['\n', '\r', '\u{85}', '\u{2028}', '\u{2029}'])) {
         let plain: String = line.chars().map(|c| if is_printable(c) { c } else { '?' }).collect();
         let _ = writeln!(text, "{indent}# {}", plain.trim_end());
@@ -105,14 +105,14 @@ fn is_printable(c: char) -> bool {
 }
 
 /// The number with so many decimals, without a minus before zero.
-fn fixed(value: f64, decimals: usize) -> String {
+pub(super) fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     let zero = text.strip_prefix('-').filter(|rest| rest.bytes().all(|b| b == b'0' || b == b'.'));
     zero.map_or(text.clone(), str::to_owned)
 }
 
 /// A YAML scalar that is read back as this text and nothing else.
-fn scalar(text: &str) -> String {
+pub(super) fn scalar(text: &str) -> String {
     let words = ["y", "n", "yes", "no", "on", "off", "true", "false", "null"];
     let begins = text.starts_with(|c: char| c.is_ascii_alphabetic());
     if is_name(text) && begins && !words.contains(&text.to_ascii_lowercase().as_str()) {

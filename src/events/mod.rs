@@ -18,8 +18,8 @@ pub mod sync;
 #[cfg(test)]
 mod tests;
 
-pub use answered::Answered;
 pub use accumulate::{LastPolarity, PolarityCounts};
+pub use answered::Answered;
 pub use decode::{Decoder, Sink, Skipped};
 pub use encode::Encoder;
 pub use error::{EncodeError, RawError};

@@ -1,10 +1,12 @@
 //! Before any motion: every pose of a session, with reach, limits, keep-out boxes, view and duration checked.
 //!
 //! Pure: no files, no clock. Uses `geometry`, `board` and `config`.
-//! Start at [`expand`]; [`Clearance`] and [`JointMoves`] are for moves that come up at run time.
+//! Start at [`expand`]; [`coverage()`] judges the views, [`propose`] makes poses; [`Clearance`] and [`JointMoves`] are for moves that come up at run time.
 
 mod clearance;
+mod coverage;
 mod motion;
+pub mod propose;
 mod reach;
 mod sight;
 mod stops;
@@ -22,6 +24,7 @@ use crate::geometry::{
 };
 
 pub use clearance::{Clearance, Gap};
+pub use coverage::{Coverage, MIN_COVERED, MIN_DEPTH_RATIO, MIN_TILT_RAD, coverage};
 pub use target::MoveTarget;
 
 use stops::Stop;
@@ -248,6 +251,7 @@ struct Planner<'a> {
 
 impl Planner<'_> {
     fn visit(&mut self, kind: PoseKind, trajectory: &Trajectory, stop: Stop) {
+        let kind = stop.purpose.unwrap_or(kind);
         let pose = stop.id.clone();
         let found = if self.ids.insert(pose.clone()) { self.planned(kind, stop) } else { Err(Refusal::DoubledId) };
         match found {

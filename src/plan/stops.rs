@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::PairRef;
-use crate::config::{BoardView, Cell, Motion, Pattern, Ring, Segment, Start, Trajectory};
+use crate::config::{BoardView, Cell, Motion, Pattern, PoseKind, Ring, Segment, Start, Trajectory};
 use crate::geometry::{Base, Camera, Tcp, Transform, kinematics::Joints, rotation};
 
 /// Where a stop is.
@@ -19,6 +19,8 @@ pub(super) enum Goal {
 #[derive(Debug, Clone)]
 pub(super) struct Stop {
     pub(super) id: String,
+    /// What it is for, where the trajectory says so.
+    pub(super) purpose: Option<PoseKind>,
     pub(super) pair: Option<PairRef>,
     pub(super) motion: Motion,
     pub(super) goal: Goal,
@@ -35,7 +37,8 @@ pub(super) fn of(cell: &Cell, trajectory: &Trajectory) -> Vec<Stop> {
                 (Some(id), Some(_)) => format!("{}-{id}", trajectory.name),
                 (None, _) => format!("{}-{number:02}", trajectory.name),
             };
-            stops.push(Stop { id, pair: place.pair, motion: place.motion, goal: place.goal });
+            let (purpose, motion) = (segment.purpose, place.motion);
+            stops.push(Stop { id, purpose, pair: place.pair, motion, goal: place.goal });
         }
     }
     stops
@@ -50,7 +53,7 @@ struct Place {
 }
 
 fn places(cell: &Cell, segment: &Segment) -> Vec<Place> {
-    let &Segment { motion, camera, ref pattern } = segment;
+    let &Segment { motion, camera, ref pattern, .. } = segment;
     let place = |id: &Option<String>, goal| Place { id: id.clone(), pair: None, motion, goal };
     let seen = |view: &BoardView| Goal::Tcp(tcp_of(cell, camera, view));
     let unnamed = |views: Vec<BoardView>| views.iter().map(|view| place(&None, seen(view))).collect();

@@ -9,13 +9,12 @@ mod tests;
 
 use serde::Serialize;
 
+use super::plane::BoardInImage;
 use crate::board::{Board, View};
 use crate::cv::{CvError, charuco};
-use super::plane::BoardInImage;
 use crate::image::GrayImage;
 
 pub use advice::Reading;
-
 
 /// Pixels a square of the drawing that tells black squares from white ones.
 const DRAWN_PX: u32 = 40;

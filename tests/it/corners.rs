@@ -30,7 +30,10 @@ impl Errors {
         for id in 0..24 {
             let Some([u, v]) = truth(id) else { continue };
             self.possible += 1;
-            let Some(corner) = view.corners.iter().find(|c| c.id == id) else { eprintln!("missing {id} at {u:.0} {v:.0} of {}", view.corners.len()); continue };
+            let Some(corner) = view.corners.iter().find(|c| c.id == id) else {
+                eprintln!("missing {id} at {u:.0} {v:.0} of {}", view.corners.len());
+                continue;
+            };
             let error = [corner.px[0] - u, corner.px[1] - v];
             self.px.push(error);
             if let Some([xx, _, yy]) = corner.covariance_px2 {

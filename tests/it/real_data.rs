@@ -35,6 +35,20 @@ fn the_real_arm_is_calibrated_as_by_others() {
         let off_m = (found - known).norm();
         assert!(off_m < 0.002, "{solver}: {found:?} is {off_m} m from the notes");
     }
+    // The two solvers of `A X = Z B`: how the target scatters through their cameras, mm, by the same notes.
+    for (solver, known_mm, tolerance_mm) in [("shah", 1.85, 0.3), ("li", 4.19, 1.5)] {
+        let chosen = format!("settings.hand_eye={solver}");
+        let other = json(&expect(3, &["replay", text(&session), "--json", "--set", &chosen]));
+        let found_mm = 1e3 * number(&other, "/hand_eye/scatter_rms_m");
+        assert!((found_mm - known_mm).abs() <= tolerance_mm, "{solver}: {found_mm} mm, the notes say {known_mm}");
+        assert_eq!(other["hand_eye"]["method"], solver);
+    }
+    // Li's answer is in the panel, and does not widen its spread.
+    let place = |solver: &str| vector(&result, &format!("/hand_eye/panel/{solver}/translation_m"));
+    let spread_m = number(&result, "/hand_eye/panel_spread_m");
+    assert!((place("li") - place("tsai")).norm() > spread_m, "{spread_m}");
+    assert!((place("shah") - place("tsai")).norm() <= spread_m, "{spread_m}");
+
     // The published camera of the same images; its intrinsics are other ones, so only the rotation compares.
     let known = [-0.0480798, -0.558686, 0.827604, -0.0251035];
     let known =

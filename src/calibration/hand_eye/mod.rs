@@ -1,10 +1,12 @@
 //! Hand-eye: where the camera is, from poses of the robot and of the board before the camera.
 //!
-//! Five closed forms, all on the same equation `A X = X B` of all relative motions, for both set-ups:
-//! the robot carries the target ([`EyeToHand`]) or the cameras ([`EyeInHand`]). The choice hardly
-//! matters on healthy poses; a panel that disagrees is an alarm. Uses `geometry` and `observability`.
-//! Start at [`solve_eye_to_hand`]; [`motion`] has the core, one file per solver beside it.
+//! Seven closed forms for both set-ups: the robot carries the target ([`EyeToHand`]) or the cameras
+//! ([`EyeInHand`]). Five are on the equation `A X = X B` of all relative motions, two on `A X = Z B` of all
+//! poses. The choice hardly matters on healthy poses; a panel that disagrees is an alarm. Uses `geometry`
+//! and `observability`. Start at [`solve_eye_to_hand`]; [`motion`] has the core, one file per solver of
+//! motions beside it, [`robot_world`] those of poses.
 
+mod alarm;
 mod andreff;
 mod daniilidis;
 #[cfg(test)]
@@ -12,6 +14,7 @@ pub(in crate::calibration) mod fixture;
 mod horaud;
 mod motion;
 mod park;
+mod robot_world;
 mod spread;
 #[cfg(test)]
 mod tests;
@@ -21,6 +24,7 @@ use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 pub use super::settings::HandEyeMethod;
+pub use alarm::disagreement;
 pub use spread::{
     Influence, Jackknife, PanelSpread, Residual, Uncertainty, UncertaintyMethod, jackknife, panel, panel_spread,
     residuals,
@@ -28,14 +32,17 @@ pub use spread::{
 
 use super::observability::{self, ObservabilityError};
 use crate::geometry::{Base, Sensor, Target, Tcp, Transform};
+use robot_world::Both;
 
 /// All solvers, in the order of every table.
-pub const METHODS: [HandEyeMethod; 5] = [
+pub const METHODS: [HandEyeMethod; 7] = [
     HandEyeMethod::Tsai,
     HandEyeMethod::Park,
     HandEyeMethod::Horaud,
     HandEyeMethod::Andreff,
     HandEyeMethod::Daniilidis,
+    HandEyeMethod::Shah,
+    HandEyeMethod::Li,
 ];
 
 /// The robot and the board at the same instant.
@@ -52,7 +59,7 @@ pub struct Pair {
 pub struct EyeToHand {
     /// Where the camera stands.
     pub base_from_camera: Transform<Base, Sensor>,
-    /// How the target sits on the tool: mean over the poses.
+    /// How the target sits on the tool: mean over the poses, or what a solver of both says.
     pub tcp_from_target: Transform<Tcp, Target>,
 }
 
@@ -61,7 +68,7 @@ pub struct EyeToHand {
 pub struct EyeInHand {
     /// How the camera sits on the tool.
     pub tcp_from_camera: Transform<Tcp, Sensor>,
-    /// Where the target stands: mean over the poses.
+    /// Where the target stands: mean over the poses, or what a solver of both says.
     pub base_from_target: Transform<Base, Target>,
 }
 
@@ -116,10 +123,8 @@ pub fn solve_eye_to_hand(method: HandEyeMethod, pairs: &[Pair]) -> Result<EyeToH
     observability::carried_target(&poses)?.check()?;
     // tcp_from_base * base_from_camera * camera_from_target is the same at every pose.
     let loops: Vec<_> = pairs.iter().map(|p| (p.base_from_tcp.iso().inverse(), *p.camera_from_target.iso())).collect();
-    let base_from_camera = Transform::assume_frames(solve(method, &loops)?);
-    let seen: Vec<_> = pairs.iter().map(|p| p.tcp_from_target(&base_from_camera)).collect();
-    let mean = motion::mean(seen.iter().map(Transform::iso)).ok_or(breakdown(method, pairs.len()))?;
-    Ok(EyeToHand { base_from_camera, tcp_from_target: Transform::assume_frames(mean) })
+    let Both { x, z } = solve(method, &loops)?;
+    Ok(EyeToHand { base_from_camera: Transform::assume_frames(x), tcp_from_target: Transform::assume_frames(z) })
 }
 
 /// Finds how a carried camera sits on the tool, from poses of a static target.
@@ -130,10 +135,8 @@ pub fn solve_eye_in_hand(method: HandEyeMethod, pairs: &[Pair]) -> Result<EyeInH
     observability::carried_cameras(&poses)?.check()?;
     // base_from_tcp * tcp_from_camera * camera_from_target is the same at every pose.
     let loops: Vec<_> = pairs.iter().map(|p| (*p.base_from_tcp.iso(), *p.camera_from_target.iso())).collect();
-    let tcp_from_camera = Transform::assume_frames(solve(method, &loops)?);
-    let seen: Vec<_> = pairs.iter().map(|p| p.base_from_target(&tcp_from_camera)).collect();
-    let mean = motion::mean(seen.iter().map(Transform::iso)).ok_or(breakdown(method, pairs.len()))?;
-    Ok(EyeInHand { tcp_from_camera, base_from_target: Transform::assume_frames(mean) })
+    let Both { x, z } = solve(method, &loops)?;
+    Ok(EyeInHand { tcp_from_camera: Transform::assume_frames(x), base_from_target: Transform::assume_frames(z) })
 }
 
 impl Pair {
@@ -154,7 +157,7 @@ pub trait Solution: Copy {
     fn solve(method: HandEyeMethod, pairs: &[Pair]) -> Result<Self, HandEyeError>;
     /// The unknown that the solver finds: `base_from_camera` or `tcp_from_camera`.
     fn camera(&self) -> Isometry3<f64>;
-    /// The mean over the poses: `tcp_from_target` or `base_from_target`.
+    /// The other one: `tcp_from_target` or `base_from_target`.
     fn target(&self) -> Isometry3<f64>;
     /// The same, as one pair has it through the camera.
     fn target_by(&self, pair: &Pair) -> Isometry3<f64>;
@@ -190,22 +193,37 @@ impl Solution for EyeInHand {
     }
 }
 
-/// `X` such that `A_i X B_i` is the same for all i; the loops are `(A_i, B_i)`.
-fn solve(method: HandEyeMethod, loops: &[(Isometry3<f64>, Isometry3<f64>)]) -> Result<Isometry3<f64>, HandEyeError> {
+/// `X` and `Z` such that `A_i X B_i` is `Z` for all i; the loops are `(A_i, B_i)`.
+fn solve(method: HandEyeMethod, loops: &[(Isometry3<f64>, Isometry3<f64>)]) -> Result<Both, HandEyeError> {
     let finite = |iso: &Isometry3<f64>| iso.to_homogeneous().iter().all(|v| v.is_finite());
     if let Some(pair) = loops.iter().position(|(_, b)| !finite(b)) {
         return Err(HandEyeError::NotFinite { pair });
     }
+    // Refuses what no solver can answer, also for those that do not use motions.
     let motions = motion::Motions::of(method, loops)?;
-    let turned = match method {
-        HandEyeMethod::Tsai | HandEyeMethod::Refined => motions.with_translation(tsai::rotation(&motions)),
-        HandEyeMethod::Park => motions.with_translation(park::rotation(&motions)),
-        HandEyeMethod::Horaud => motions.with_translation(horaud::rotation(&motions)),
-        HandEyeMethod::Andreff => motions.with_translation(andreff::rotation(&motions)),
-        HandEyeMethod::Daniilidis => daniilidis::solve(&motions),
+    let found = match method {
+        HandEyeMethod::Tsai | HandEyeMethod::Refined => {
+            by_motions(loops, &motions, motions.with_translation(tsai::rotation(&motions)))
+        }
+        HandEyeMethod::Park => by_motions(loops, &motions, motions.with_translation(park::rotation(&motions))),
+        HandEyeMethod::Horaud => by_motions(loops, &motions, motions.with_translation(horaud::rotation(&motions))),
+        HandEyeMethod::Andreff => by_motions(loops, &motions, motions.with_translation(andreff::rotation(&motions))),
+        HandEyeMethod::Daniilidis => by_motions(loops, &motions, daniilidis::solve(&motions)),
+        HandEyeMethod::Shah => robot_world::shah(loops),
+        HandEyeMethod::Li => robot_world::li(loops),
     };
-    let found = turned.map(|x| x * motions.prior).filter(finite);
-    found.ok_or(breakdown(method, loops.len()))
+    found.filter(|both| finite(&both.x) && finite(&both.z)).ok_or(breakdown(method, loops.len()))
+}
+
+/// Turns the camera frame back; `Z` is the mean of what the loops say.
+fn by_motions(
+    loops: &[(Isometry3<f64>, Isometry3<f64>)],
+    motions: &motion::Motions,
+    turned: Option<Isometry3<f64>>,
+) -> Option<Both> {
+    let x = turned? * motions.prior;
+    let seen: Vec<_> = loops.iter().map(|(a, b)| a * x * b).collect();
+    Some(Both { x, z: motion::mean(seen.iter())? })
 }
 
 fn breakdown(method: HandEyeMethod, pairs: usize) -> HandEyeError {

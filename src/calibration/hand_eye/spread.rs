@@ -54,9 +54,9 @@ pub struct PanelSpread {
     pub rotation_rad: f64,
 }
 
-/// Largest disagreement of two solvers; `None` for fewer than two.
+/// Largest disagreement of two solvers that count (see [`HandEyeMethod::counts_in_spread`]); `None` for fewer than two.
 pub fn panel_spread<S: Solution>(panel: &BTreeMap<HandEyeMethod, S>) -> Option<PanelSpread> {
-    let cameras: Vec<_> = panel.values().map(S::camera).collect();
+    let cameras: Vec<_> = panel.iter().filter(|(m, _)| m.counts_in_spread()).map(|(_, s)| s.camera()).collect();
     let both = |a: &Isometry3<f64>, b: &Isometry3<f64>| {
         let distance_m = (a.translation.vector - b.translation.vector).norm();
         (distance_m, rotation::angle_between_rad(&a.rotation, &b.rotation))

@@ -59,6 +59,17 @@ fn rounding_m(pose: &[f64; 6]) -> f64 {
     1e-11 * (1.0 + Vector3::from_column_slice(&pose[..3]).norm())
 }
 
+/// Of the camera: Li solves places and matrices together, so a place 1 km away costs it digits.
+fn camera_rounding_m(method: HandEyeMethod, x: &[f64; 6], y: &[f64; 6]) -> f64 {
+    let far_m = [x, y].map(|pose| Vector3::from_column_slice(&pose[..3]).norm()).into_iter().sum::<f64>();
+    if method == HandEyeMethod::Li { 1e-9 + 1e-10 * far_m } else { 1e-9 }
+}
+
+/// Of the target.
+fn target_rounding_m(method: HandEyeMethod, x: &[f64; 6], y: &[f64; 6]) -> f64 {
+    if method == HandEyeMethod::Li { camera_rounding_m(method, x, y) } else { rounding_m(y) }
+}
+
 #[test]
 fn every_solver_finds_awkward_static_cameras() {
     for (x, y) in awkward().into_iter().flat_map(|x| awkward().into_iter().map(move |y| (x, y))) {
@@ -72,9 +83,10 @@ fn every_solver_finds_awkward_static_cameras() {
                 let found =
                     solve_eye_to_hand(method, &pairs).unwrap_or_else(|e| panic!("{method:?} {truth:?} set {set}: {e}"));
                 let what = format!("{method:?} set {set}: {found:?} is not {truth:?}");
-                assert!(found.base_from_camera.distance_to_m(&truth.base_from_camera) < 1e-9, "{what}");
+                let limits_m = [camera_rounding_m(method, &x, &y), target_rounding_m(method, &x, &y)];
+                assert!(found.base_from_camera.distance_to_m(&truth.base_from_camera) < limits_m[0], "{what}");
                 assert!(found.base_from_camera.angle_to_rad(&truth.base_from_camera) < 1e-11, "{what}");
-                assert!(found.tcp_from_target.distance_to_m(&truth.tcp_from_target) < rounding_m(&y), "{what}");
+                assert!(found.tcp_from_target.distance_to_m(&truth.tcp_from_target) < limits_m[1], "{what}");
                 assert!(found.tcp_from_target.angle_to_rad(&truth.tcp_from_target) < 1e-11, "{what}");
             }
         }
@@ -94,9 +106,10 @@ fn every_solver_finds_awkward_carried_cameras() {
                 let found =
                     solve_eye_in_hand(method, &pairs).unwrap_or_else(|e| panic!("{method:?} {truth:?} set {set}: {e}"));
                 let what = format!("{method:?} set {set}: {found:?} is not {truth:?}");
-                assert!(found.tcp_from_camera.distance_to_m(&truth.tcp_from_camera) < 1e-9, "{what}");
+                let limits_m = [camera_rounding_m(method, &x, &y), target_rounding_m(method, &x, &y)];
+                assert!(found.tcp_from_camera.distance_to_m(&truth.tcp_from_camera) < limits_m[0], "{what}");
                 assert!(found.tcp_from_camera.angle_to_rad(&truth.tcp_from_camera) < 1e-11, "{what}");
-                assert!(found.base_from_target.distance_to_m(&truth.base_from_target) < rounding_m(&y), "{what}");
+                assert!(found.base_from_target.distance_to_m(&truth.base_from_target) < limits_m[1], "{what}");
             }
         }
     }
@@ -207,7 +220,10 @@ fn noise_near_half_turns_does_not_flip_signs() {
     let truth = paper_cell();
     for seed in 0..50 {
         let pairs = noisy(&seen_by_static(&truth, &poses), 0.5e-3, 1e-3, seed);
-        for method in METHODS {
+        // Turned about one point, the poses leave the scale of Li's matrices free: it says so instead of guessing.
+        let li = solve_eye_to_hand(HandEyeMethod::Li, &pairs);
+        assert!(matches!(li, Err(HandEyeError::Breakdown { method: HandEyeMethod::Li, .. })), "{li:?}");
+        for method in METHODS.into_iter().filter(|method| *method != HandEyeMethod::Li) {
             let found = solve_eye_to_hand(method, &pairs).unwrap();
             let error_m = found.base_from_camera.distance_to_m(&truth.base_from_camera);
             assert!(error_m < 5e-3, "{method:?} seed {seed}: {error_m}");
@@ -271,7 +287,7 @@ fn numbers_out_of_all_proportion_end_in_an_error_or_in_finite_numbers() {
 fn the_panel_agrees_without_noise_and_its_spread_grows_with_an_outlier() {
     let pairs = seen_by_static(&paper_cell(), &spread_poses(10, 0.6, 21));
     let (solved, failed) = panel::<EyeToHand>(&pairs);
-    assert_eq!((solved.len(), failed.len()), (5, 0));
+    assert_eq!((solved.len(), failed.len()), (7, 0));
     assert!(panel_spread(&solved).unwrap().translation_m < 1e-12);
     let mut spoilt = pairs.clone();
     let error = Transform::from_pose_vector([0.05, 0.0, 0.0, 0.0, 0.2, 0.0]);
@@ -279,7 +295,7 @@ fn the_panel_agrees_without_noise_and_its_spread_grows_with_an_outlier() {
     let spread = panel_spread(&panel::<EyeToHand>(&spoilt).0).unwrap();
     assert!(spread.translation_m > 1e-3 && spread.rotation_rad > 1e-4, "{spread:?}");
     let (solved, failed) = panel::<EyeInHand>(&pairs[..2]);
-    assert_eq!((solved.len(), failed.len()), (0, 5));
+    assert_eq!((solved.len(), failed.len()), (0, 7));
     assert!(panel_spread(&solved).is_none() && failed[&HandEyeMethod::Tsai].starts_with("2 poses are too few"));
 }
 

@@ -1,7 +1,9 @@
 //! Markers and boards as OpenCV since 4.7 has them, in its own module: Debian 13.
 
 use opencv::core::{Mat, Point2f, Size, Vector};
-use opencv::objdetect::{self, ArucoDetector, CharucoBoard, CharucoDetector, CharucoParameters, DetectorParameters, RefineParameters};
+use opencv::objdetect::{
+    self, ArucoDetector, CharucoBoard, CharucoDetector, CharucoParameters, DetectorParameters, RefineParameters,
+};
 use opencv::prelude::*;
 
 use super::{MIN_MARKER_DISTANCE_RATE, Narrowed};

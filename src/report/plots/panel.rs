@@ -1,7 +1,7 @@
 //! What each solver found, against the chosen one.
 
 use super::super::numbers::{deg, fixed, mm};
-use super::super::sections::{PanelRow, method_name, panel_rows};
+use super::super::sections::{PanelRow, panel_rows};
 use super::Figure;
 use super::svg::{Anchor, Scale, Svg, tick_text};
 use crate::calibration::hand_eye::HandEyeMethod;
@@ -23,7 +23,7 @@ pub(super) fn draw(result: &CalibrationResult) -> Option<Figure> {
     let chosen = hand_eye.method;
     let distance: Vec<_> = rows.iter().map(|r| (r.distance_m * 1e3, format!("{} mm", mm(r.distance_m)))).collect();
     let angle: Vec<_> = rows.iter().map(|r| (r.angle_rad.to_degrees(), format!("{} deg", deg(r.angle_rad)))).collect();
-    let name = method_name(chosen);
+    let name = chosen.name();
     let distance = bars(&rows, chosen, &distance, &format!("distance from {name}, mm"));
     let angle = bars(&rows, chosen, &angle, &format!("angle to {name}, deg"));
     let caption = format!("Solver panel: place and direction of the camera as each solver has them, against {name}.");
@@ -43,7 +43,7 @@ fn bars(rows: &[PanelRow], chosen: HandEyeMethod, values: &[(f64, String)], titl
     svg.text("name", [LEFT, TOP - 9.0], Anchor::Start, title);
     for ((i, row), (value, text)) in rows.iter().enumerate().zip(values) {
         let middle = TOP + ROW * (i as f64 + 0.5);
-        svg.text("label", [LEFT - 8.0, middle + 4.0], Anchor::End, method_name(row.method));
+        svg.text("label", [LEFT - 8.0, middle + 4.0], Anchor::End, row.method.name());
         let text = if row.method == chosen { "the result" } else { text };
         svg.rect("event", [LEFT, middle - 7.0], [x.at(*value) - LEFT, 14.0], text);
         let text = if row.method == chosen { text.to_owned() } else { fixed(*value, 3) };

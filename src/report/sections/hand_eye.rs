@@ -15,18 +15,6 @@ const HEALTHY_EIGENVALUE: f64 = 0.137;
 /// Largest condition of those sets.
 const HEALTHY_CONDITION: f64 = 2.6;
 
-/// The name of a solver.
-pub(in crate::report) fn method_name(method: HandEyeMethod) -> &'static str {
-    match method {
-        HandEyeMethod::Refined => "refined",
-        HandEyeMethod::Tsai => "tsai",
-        HandEyeMethod::Park => "park",
-        HandEyeMethod::Horaud => "horaud",
-        HandEyeMethod::Andreff => "andreff",
-        HandEyeMethod::Daniilidis => "daniilidis",
-    }
-}
-
 /// Where camera and target are, with the uncertainty.
 pub(super) fn place(result: &CalibrationResult) -> Section {
     let Some(hand_eye) = &result.hand_eye else {
@@ -84,7 +72,7 @@ fn facts(result: &CalibrationResult, hand_eye: &HandEyeResult) -> Vec<(String, S
     let rejected = wanted.saturating_sub(hand_eye.poses_used);
     let poses = count(hand_eye.poses_used, "pose");
     let mut facts = vec![
-        fact("method", method_name(hand_eye.method)),
+        fact("method", hand_eye.method.name()),
         fact(
             "scatter of target",
             format!("rms {} mm over {poses}, {rejected} of {wanted} rejected", mm(hand_eye.scatter_rms_m)),
@@ -157,17 +145,21 @@ pub(super) fn panel(result: &CalibrationResult) -> Section {
     let Some(hand_eye) = &result.hand_eye else {
         return Section::absent("Solver panel", "there is no hand-eye result");
     };
-    let chosen = method_name(hand_eye.method);
+    let chosen = hand_eye.method.name();
     let mut table = Table::new(&["<solver", "dx mm", "dy mm", "dz mm", "distance mm", "angle deg", "<note"]);
     for row in panel_rows(hand_eye) {
         let [x, y, z] = row.difference_m.map(signed_mm);
-        let note = if row.method == hand_eye.method { "the result" } else { "" };
-        let cells = [method_name(row.method).into(), x, y, z, mm(row.distance_m), deg(row.angle_rad), note.to_owned()];
+        let note = match row.method == hand_eye.method {
+            true => "the result",
+            false if row.method.counts_in_spread() => "",
+            false => "not in the spread: the most sensitive to noise",
+        };
+        let cells = [row.method.name().into(), x, y, z, mm(row.distance_m), deg(row.angle_rad), note.to_owned()];
         table.row(cells);
     }
     for (method, reason) in &hand_eye.panel_failed {
         let dash = || "-".to_owned();
-        let cells = [method_name(*method).into(), dash(), dash(), dash(), dash(), dash(), format!("failed: {reason}")];
+        let cells = [method.name().into(), dash(), dash(), dash(), dash(), dash(), format!("failed: {reason}")];
         table.toned(Tone::Alert, cells);
     }
     let spread = hand_eye.panel_spread_m.map_or_else(

@@ -8,7 +8,7 @@ mod kinematics;
 mod poses;
 mod provenance;
 
-pub(super) use hand_eye::{PanelRow, method_name, panel_rows};
+pub(super) use hand_eye::{PanelRow, panel_rows};
 pub(super) use poses::kind_name;
 
 use super::document::{Block, Document, Section, Tone, Verdict};

@@ -3,8 +3,8 @@
 //! As in slanted-edge measurements (ISO 12233) pixels are projected onto the normal of the edge and nothing is
 //! interpolated between pixels, which would blur by itself.
 
-use super::median;
 use super::super::plane::{BoardInImage, Quad};
+use super::median;
 use crate::board::Board;
 use crate::image::GrayImage;
 

@@ -53,8 +53,7 @@ pub(super) struct Mask {
 impl Patch {
     /// Cuts a patch out; `None` where the board is seen too small or edge-on.
     pub(super) fn cut(image: &FloatImage, local: &Local, mask: Mask) -> Option<Self> {
-        let px_of_squares =
-            Matrix2::from_columns(&[Vector2::from(local.along_x_px), Vector2::from(local.along_y_px)]);
+        let px_of_squares = Matrix2::from_columns(&[Vector2::from(local.along_x_px), Vector2::from(local.along_y_px)]);
         let squares_of_px = px_of_squares.try_inverse()?;
         // Distance of two opposite sides of a square.
         let side_px = [0, 1].map(|i| 1.0 / squares_of_px.row(i).norm());
@@ -102,7 +101,13 @@ impl Mask {
             return None;
         }
         // Near the edge along x the arm goes along x.
-        Some(if off_px[1] < off_px[0] { if x > 0.0 { 0 } else { 2 } } else if y > 0.0 { 1 } else { 3 })
+        Some(if off_px[1] < off_px[0] {
+            if x > 0.0 { 0 } else { 2 }
+        } else if y > 0.0 {
+            1
+        } else {
+            3
+        })
     }
 }
 
