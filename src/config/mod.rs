@@ -36,9 +36,7 @@ pub use cell::{
 pub use error::{ConfigError, Problem};
 pub use handheld::Handheld;
 pub use robot::{DigitalOutput, External, Interlock, Line, MotionBy, Signals, ToolShape};
-pub use topics::{
-    EventTopic, ImageTopic, Interval, PairBy, RobotTopic, StampOf, StillRule, Stops, Topics, TopicsMode,
-};
+pub use topics::{EventTopic, ImageTopic, Interval, PairBy, RobotTopic, StampOf, StillRule, Stops, Topics, TopicsMode};
 pub use trajectory::{BoardView, Motion, Pair, Pattern, Ring, Segment, Start, Stop, Trajectory};
 pub use write::{AppendError, TaughtPose, append_yaml, is_name, trajectory_yaml};
 

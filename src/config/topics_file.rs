@@ -11,7 +11,9 @@ use super::cell_convert::{board, metres};
 use super::cell_file::{BoardFile, ChecksFile};
 use super::error::Findings;
 use super::pose::PoseFile;
-use super::topics::{EventTopic, ImageTopic, Interval, PairBy, RobotTopic, StampOf, StillRule, Stops, Topics, TopicsMode};
+use super::topics::{
+    EventTopic, ImageTopic, Interval, PairBy, RobotTopic, StampOf, StillRule, Stops, Topics, TopicsMode,
+};
 use crate::calibration::settings::{Carried, PoseKind};
 use crate::geometry::Transform;
 
@@ -282,13 +284,7 @@ fn robot(file: RobotTopicFile, findings: &mut Findings<'_>) -> Option<RobotTopic
     }
 }
 
-fn stops(
-    file: StopsFile,
-    mode: TopicsMode,
-    has_images: bool,
-    has_robot: bool,
-    findings: &mut Findings<'_>,
-) -> Stops {
+fn stops(file: StopsFile, mode: TopicsMode, has_images: bool, has_robot: bool, findings: &mut Findings<'_>) -> Stops {
     let StopsFile { still, intervals, each_image } = file;
     if each_image == Some(false) {
         findings.add("stops.each_image", "is false: leave it out, or say true");
@@ -341,10 +337,92 @@ fn intervals_of(list: Vec<IntervalFile>, mode: TopicsMode, findings: &mut Findin
             findings.add(&at("to_s"), format!("is {to_s}, not after from_s, which is {from_s}"));
         }
         if from_s < last_s {
-            findings.add(&at("from_s"), format!("is {from_s}, before the end of the one before, {last_s}: list them in order of time"));
+            findings.add(
+                &at("from_s"),
+                format!("is {from_s}, before the end of the one before, {last_s}: list them in order of time"),
+            );
         }
         last_s = to_s;
         intervals.push(Interval { id, from_s, to_s, kind: kind.unwrap_or(kind_of_mode) });
     }
     intervals
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::parse_topics;
+    use super::*;
+
+    const MAP: &str = include_str!("../../tests/maps/joints.yaml");
+
+    fn said(from: &str, to: &str) -> String {
+        assert_eq!(MAP.matches(from).count(), 1, "{from:?}");
+        parse_topics(&MAP.replace(from, to), "topics.yaml").unwrap_err().to_string()
+    }
+
+    #[test]
+    fn the_shipped_map_is_what_it_says() {
+        let map = parse_topics(MAP, "topics.yaml").unwrap();
+        let event = map.event.unwrap();
+        assert_eq!((event.trigger_channel, event.paired_by), (0, PairBy::Auto));
+        assert_eq!(map.rgb.unwrap().stamp, StampOf::ExposureStart);
+        assert!(matches!(map.stops, Stops::Still(StillRule { hold_s: 0.5, max_gap_s: 0.2, .. })));
+        let Some(RobotTopic::Joints { flange_from_tcp, .. }) = map.robot else { panic!("no joints") };
+        assert_eq!(flange_from_tcp.translation_m(), [0.0, 0.0, 0.04]);
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_with_line_key_and_fix() {
+        for (from, to, message) in [
+            (
+                "images_per_s: 10",
+                "images_per_s: 20",
+                "rgb.exposure_s is 0.0999, longer than from one image to the next at 20 a second",
+            ),
+            (
+                "stamp: exposure_start ",
+                "stamp: middle ",
+                "rgb.stamp is \"middle\", not one of: exposure_start, exposure_end",
+            ),
+            ("mode: handeye ", "mode: eye ", "mode is \"eye\", not one of: stereo, handeye"),
+            ("corner_id: 9", "corner_id: 24", "checks.corner_id is 24, outside 0 to 23"),
+            ("hold_s: 0.5", "hold_s: 500", "stops.still.hold_s is 500, outside 0.05 to 60"),
+            (
+                "  still: {hold_s",
+                "  each_image: true\\n  still: {hold_s",
+                "stops has more than one of `still`, `intervals` and `each_image`: give one",
+            ),
+            (
+                "  still: {hold_s: 0.5, joint_spread_rad: 0.001, joint_speed_rad_s: 0.01}",
+                "  each_image: true",
+                "stops.each_image is for recordings without a robot: give `still` or `intervals`",
+            ),
+            (
+                "  still: {hold_s: 0.5, joint_spread_rad: 0.001, joint_speed_rad_s: 0.01}",
+                "  intervals: [{id: a, from_s: 2, to_s: 1}]",
+                "stops.intervals[0].to_s is 1, not after from_s, which is 2",
+            ),
+            (
+                "  still: {hold_s: 0.5, joint_spread_rad: 0.001, joint_speed_rad_s: 0.01}",
+                "  intervals: [{id: a, from_s: 1, to_s: 3}, {id: a, from_s: 2, to_s: 4}]",
+                "stops.intervals[1].id is \"a\", the id of an earlier one: give each its own",
+            ),
+            ("prefix: \"\" ", "tf: 1 ", "unknown key `tf` in `robot.joints`"),
+        ] {
+            let said = said(from, &to.replace("\\n", "\n"));
+            let place = said.strip_prefix("topics.yaml:").unwrap_or_else(|| panic!("{said}"));
+            assert!(
+                place.starts_with(|c: char| c.is_ascii_digit()) && said.contains(message),
+                "{said}\nnot: {message}"
+            );
+        }
+        let empty = parse_topics(
+            "mode: handeye\nboard: {dictionary: DICT_4X4_50, squares_x: 7, squares_y: 5, square_mm: 9, marker_mm: 7}\nstops: {}\n",
+            "t.yaml",
+        );
+        let said = empty.unwrap_err().to_string();
+        for part in ["key `rgb` is missing", "key `robot` is missing", "stops has no key `still`"] {
+            assert!(said.contains(part), "{part} not in {said}");
+        }
+    }
 }

@@ -96,8 +96,7 @@ pub fn scan(bytes: &[u8]) -> Scan {
 ///
 /// Ends early, without damage, where `take` breaks.
 pub fn walk(from: &mut dyn Read, length: u64, take: &mut dyn FnMut(Found) -> ControlFlow<()>) -> Vec<String> {
-    let mut walk =
-        Walk { left: length, schemas: BTreeMap::new(), channels: BTreeMap::new(), damage: Vec::new(), take };
+    let mut walk = Walk { left: length, schemas: BTreeMap::new(), channels: BTreeMap::new(), damage: Vec::new(), take };
     match walk.file(from) {
         Ok(()) | Err(Stop::Asked) => {}
         Err(Stop::Broken(why)) => walk.damage.push(why),
@@ -156,7 +155,8 @@ impl Walk<'_> {
             return Err(Stop::Broken("broken off: the file ends inside a record".into()));
         }
         let mut bytes = Vec::new();
-        let read = from.take(count).read_to_end(&mut bytes).map_err(|why| Stop::Broken(format!("unreadable: {why}")))?;
+        let read =
+            from.take(count).read_to_end(&mut bytes).map_err(|why| Stop::Broken(format!("unreadable: {why}")))?;
         self.left -= count;
         // Shorter than its own length: it is being changed.
         if read as u64 == count { Ok(bytes) } else { Err(Stop::Broken("broken off: the file shrank".into())) }

@@ -88,6 +88,13 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
+impl ImportSetup {
+    /// Whether events are cut by trigger edges; packets with a time of arrival do without.
+    pub fn is_wired(&self) -> bool {
+        !self.arrivals || self.trigger_channel.is_some()
+    }
+}
+
 /// A pose of an imported session.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ImportedPose {

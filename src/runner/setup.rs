@@ -263,12 +263,12 @@ impl Setup {
     }
 
     fn of_import(import: ImportSetup) -> Self {
-        let robot_poses = import.robot_poses;
         Self {
+            wired: import.is_wired(),
             name: import.name,
             board: import.board,
             carried: import.carried,
-            robot_poses,
+            robot_poses: import.robot_poses,
             cameras: import.cameras,
             machine: MachineSpec::Imported { poses: import.poses.len() },
             poses: import.poses.into_iter().map(|p| (p.id, p.kind)).collect(),
@@ -280,8 +280,6 @@ impl Setup {
             exposure_s: import.exposure_s.unwrap_or(0.1),
             image_period_s: import.image_period_s.unwrap_or(0.1),
             trigger_channel: import.trigger_channel.unwrap_or(0),
-            // Packets with a time of arrival do without edges.
-            wired: !import.arrivals || import.trigger_channel.is_some(),
             arrivals: import.arrivals,
             model: None,
             source: Some(import.source),

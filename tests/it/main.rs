@@ -3,10 +3,12 @@
 
 mod architecture;
 mod bad_input;
+mod bag;
 mod bench;
 mod camera;
 mod cell_around;
 mod chromium;
+mod corners;
 mod display_proof;
 mod faults;
 mod fuzz_corpus;

@@ -127,12 +127,7 @@ fn board(found: &Chessboard, place: &Place) -> Result<Board, ImportError> {
     Ok(Board::chessboard(cols, rows, square_size * 1e-3))
 }
 
-fn captures(
-    found: &CornersFile,
-    board: &Board,
-    size: (u32, u32),
-    place: &Place,
-) -> Result<Vec<Capture>, ImportError> {
+fn captures(found: &CornersFile, board: &Board, size: (u32, u32), place: &Place) -> Result<Vec<Capture>, ImportError> {
     let mut captures = Vec::new();
     for (pose, both) in found.views.iter().enumerate() {
         let mut views = BTreeMap::new();
@@ -162,7 +157,10 @@ fn view(found: &OneView, board: &Board, (width, height): (u32, u32)) -> Result<V
         // Outer edges of the outer pixels.
         let inside = |at: f64, pixels: u32| (-0.5..=f64::from(pixels) - 0.5).contains(&at);
         if !(inside(x, width) && inside(y, height)) {
-            return Err((i, format!("at ({x}, {y}) px, outside the image; --image-size is {width}x{height}: correct it")));
+            return Err((
+                i,
+                format!("at ({x}, {y}) px, outside the image; --image-size is {width}x{height}: correct it"),
+            ));
         }
         corners.push(Corner::at(row * columns + column, [x, y]));
     }

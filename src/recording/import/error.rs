@@ -47,7 +47,9 @@ pub enum ImportError {
         path: PathBuf,
     },
     /// An option that this layout has no use for.
-    #[error("--image-size is for corners without images (layout C); {path} has images, whose size is known: leave it out")]
+    #[error(
+        "--image-size is for corners without images (layout C); {path} has images, whose size is known: leave it out"
+    )]
     NoSizeNeeded {
         /// What was given.
         path: PathBuf,

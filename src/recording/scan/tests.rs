@@ -36,7 +36,8 @@ fn file(compression: Option<mcap::Compression>, chunked: bool) -> Vec<u8> {
 }
 
 fn files() -> Vec<Vec<u8>> {
-    let some = [(None, true), (None, false), (Some(mcap::Compression::Lz4), true), (Some(mcap::Compression::Zstd), true)];
+    let some =
+        [(None, true), (None, false), (Some(mcap::Compression::Lz4), true), (Some(mcap::Compression::Zstd), true)];
     some.map(|(compression, chunked)| file(compression, chunked)).into()
 }
 

@@ -63,7 +63,9 @@ pub(super) struct Placed {
 fn refused(channel: &Channel, allowed: &str) -> String {
     let Channel { schema, encoding, .. } = channel;
     let schema = if schema.is_empty() { "no schema".to_owned() } else { format!("schema `{schema}`") };
-    format!("has messages of {schema} in encoding `{encoding}`; allowed are {allowed}: convert the bag, or name another topic")
+    format!(
+        "has messages of {schema} in encoding `{encoding}`; allowed are {allowed}: convert the bag, or name another topic"
+    )
 }
 
 /// An image of ROS or Foxglove.
@@ -133,7 +135,9 @@ fn gray(width: u32, height: u32, encoding: &str, step: u32, bytes: &[u8]) -> Res
     let needed = height.saturating_sub(1).saturating_mul(step).saturating_add(row_bytes);
     if width == 0 || height == 0 || step < row_bytes || bytes.len() < needed {
         let found = bytes.len();
-        return Err(format!("has an image of {width}x{height} {encoding} with a step of {step} and only {found} bytes"));
+        return Err(format!(
+            "has an image of {width}x{height} {encoding} with a step of {step} and only {found} bytes"
+        ));
     }
     let mut pixels = Vec::with_capacity(width * height);
     for row in bytes.chunks(step).take(height) {
@@ -205,10 +209,14 @@ pub(super) fn transforms(Message { channel, data, .. }: &Message) -> Result<Vec<
     found.ok_or(NOT_AS_SAID)?.into_iter().map(placed).collect()
 }
 
-fn placed((stamp_ns, parent, child, [x, y, z, qx, qy, qz, qw]): (u64, String, String, [f64; 7])) -> Result<Placed, String> {
+fn placed(
+    (stamp_ns, parent, child, [x, y, z, qx, qy, qz, qw]): (u64, String, String, [f64; 7]),
+) -> Result<Placed, String> {
     let q = Quaternion::new(qw, qx, qy, qz);
     if !([x, y, z].iter().all(|v| v.is_finite()) && (q.norm() - 1.0).abs() <= NORM_TOLERANCE) {
-        return Err(format!("has a transform from `{child}` to `{parent}` that is none: {x}, {y}, {z}; {qx}, {qy}, {qz}, {qw}"));
+        return Err(format!(
+            "has a transform from `{child}` to `{parent}` that is none: {x}, {y}, {z}; {qx}, {qy}, {qz}, {qw}"
+        ));
     }
     let parent_from_child = Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_quaternion(q));
     // Frames had a leading slash once.

@@ -112,15 +112,20 @@ fn file_of(bag: &Path) -> Result<PathBuf, ImportError> {
     let place = Place::file(bag.display().to_string());
     match mcap.as_slice() {
         [one] => Ok(bag.join(one)),
-        [] => Err(place.wrong(format!("holds no .mcap file, found {}; other storage: convert the bag", some_of(&names)))),
-        many => Err(place.wrong(format!("holds more than one .mcap file ({}); merge a split bag first", some_of(many)))),
+        [] => {
+            Err(place.wrong(format!("holds no .mcap file, found {}; other storage: convert the bag", some_of(&names))))
+        }
+        many => {
+            Err(place.wrong(format!("holds more than one .mcap file ({}); merge a split bag first", some_of(many))))
+        }
     }
 }
 
 /// The map, and the texts that belong to the session.
 fn read_map(options: &BagOptions) -> Result<(Topics, Vec<Attachment>), ImportError> {
     let text_of = |path: &Path| {
-        std::fs::read_to_string(path).map_err(|why| Place::file(path.display().to_string()).wrong(format!("cannot be read: {why}")))
+        std::fs::read_to_string(path)
+            .map_err(|why| Place::file(path.display().to_string()).wrong(format!("cannot be read: {why}")))
     };
     let text = text_of(&options.map)?;
     let map = config::parse_topics(&text, &options.map.display().to_string())?;

@@ -230,7 +230,8 @@ pub(super) fn mean(samples: &[RobotAt], [from_ns, to_ns]: [u64; 2]) -> Option<Ro
     for sample in &inside {
         at += sample.base_from_tcp.iso().translation.vector / count;
         // Small turns add like vectors.
-        turn += rotation::to_vector(&(first.base_from_tcp.rotation().inverse() * sample.base_from_tcp.rotation())) / count;
+        turn +=
+            rotation::to_vector(&(first.base_from_tcp.rotation().inverse() * sample.base_from_tcp.rotation())) / count;
         for (sum, q) in joints.iter_mut().zip(sample.joints_rad.unwrap_or_default()) {
             *sum += q / count;
         }
@@ -242,4 +243,101 @@ pub(super) fn mean(samples: &[RobotAt], [from_ns, to_ns]: [u64; 2]) -> Option<Ro
         joints_rad: first.joints_rad.map(|_| joints),
         speeds_rad_s: None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RULE: StillRule = StillRule {
+        hold_s: 0.5,
+        max_gap_s: 0.2,
+        joint_speed_rad_s: 0.01,
+        joint_spread_rad: 0.001,
+        tcp_spread_m: 2e-4,
+        tcp_turn_rad: 1e-3,
+    };
+
+    /// At 100 Hz; the first joint goes as `joint` says.
+    fn samples(count: u64, joint: impl Fn(f64) -> f64, with_joints: bool) -> Vec<RobotAt> {
+        let at = |n: u64| {
+            let joints = [joint(n as f64 * 0.01), -1.0, 1.0, 0.0, 0.0, 0.0];
+            let base_from_tcp = Arm::ur5e().forward(&joints) * Transform::identity();
+            let joints_rad = with_joints.then_some(joints);
+            RobotAt { stamp_ns: n * 10_000_000, base_from_tcp, joints_rad, speeds_rad_s: None }
+        };
+        (0..count).map(at).collect()
+    }
+
+    fn seconds(found: &[[u64; 2]]) -> Vec<[f64; 2]> {
+        found.iter().map(|t| t.map(|ns| ns as f64 * 1e-9)).collect()
+    }
+
+    #[test]
+    fn a_rest_is_one_stop_and_a_slow_creep_none() {
+        // Rests to 1 s, moves by 0.1 rad to 2 s, rests again with the noise of encoders.
+        let joint = |t: f64| 0.1 * (t - 1.0).clamp(0.0, 1.0) + 1e-4 * (t * 977.0).sin();
+        for with_joints in [true, false] {
+            let found = seconds(&still(&samples(400, joint, with_joints), &RULE));
+            let [[a, b], [c, d]] = found.as_slice() else { panic!("{found:?}") };
+            // 0.1 rad/s leaves the limits, 1 mrad or 0.2 mm, within 10 ms.
+            assert!(*a == 0.0 && (b - 1.0).abs() < 0.02, "{found:?}");
+            assert!((c - 2.0).abs() < 0.02 && (d - 3.99).abs() < 1e-9, "{found:?}");
+        }
+        // 4 mrad/s are 2 mrad in half a second.
+        assert!(still(&samples(400, |t| 0.004 * t, true), &RULE).is_empty());
+    }
+
+    #[test]
+    fn gaps_and_speeds_end_a_rest() {
+        let mut all = samples(200, |_| 0.3, true);
+        all.drain(80..120);
+        assert_eq!(seconds(&still(&all, &RULE)), [[0.0, 0.79], [1.2, 1.99]]);
+        let mut fast = samples(200, |_| 0.3, true);
+        fast[100].speeds_rad_s = Some([0.0, 0.0, 0.0, 0.02, 0.0, 0.0]);
+        fast[101].speeds_rad_s = Some([f64::NAN; 6]);
+        assert_eq!(seconds(&still(&fast, &RULE)), [[0.0, 0.99], [1.02, 1.99]]);
+        assert!(still(&samples(40, |_| 0.3, true), &RULE).is_empty(), "shorter than hold_s");
+    }
+
+    #[test]
+    fn transforms_are_chained_and_interpolated() {
+        let mut watched = Watched::Tf { moving: BTreeMap::new(), fixed: BTreeMap::new() };
+        let mut put = |parent: &str, child: &str, stamp_ns, x: f64, fixed| {
+            let parent_from_child = Isometry3::translation(x, 0.0, 0.0);
+            watched.place(Placed { stamp_ns, parent: parent.into(), child: child.into(), parent_from_child }, fixed);
+        };
+        for n in 0..5_u64 {
+            put("base", "a", n * 100, n as f64, false);
+        }
+        // Told rarely, and not from the start on.
+        put("a", "b", 50, 10.0, false);
+        put("a", "b", 350, 40.0, false);
+        put("b", "tool", 0, 0.5, true);
+        let topic = RobotTopic::Tf {
+            topic: String::new(),
+            static_topic: String::new(),
+            base: "/base".into(),
+            tcp: "tool".into(),
+        };
+        let found = watched.samples(&topic).unwrap();
+        let x: Vec<_> = found.iter().map(|s| (s.stamp_ns, s.base_from_tcp.translation_m()[0])).collect();
+        assert_eq!(x, [(100, 16.5), (200, 27.5), (300, 38.5)]);
+        let loose = Watched::Tf { moving: BTreeMap::new(), fixed: BTreeMap::new() };
+        assert!(loose.samples(&topic).unwrap_err().contains("nothing says where `tool` is"));
+    }
+
+    #[test]
+    fn the_mean_of_turns_is_between_them() {
+        let turned = |angle: f64| RobotAt {
+            stamp_ns: 5,
+            base_from_tcp: Transform::from_pose_vector([angle, 0.0, 0.0, 0.0, std::f64::consts::PI - angle, 0.0]),
+            joints_rad: None,
+            speeds_rad_s: None,
+        };
+        // About a half turn, where rotation vectors change their sign.
+        let mean = mean(&[turned(-1e-4), turned(3e-4)], [0, 10]).unwrap().base_from_tcp;
+        assert!(mean.distance_to_m(&turned(1e-4).base_from_tcp) < 1e-12);
+        assert!(mean.angle_to_rad(&turned(1e-4).base_from_tcp) < 1e-9);
+    }
 }

@@ -131,9 +131,8 @@ fn check_topics(survey: &Survey, name: &str, map: &Topics) -> Result<(), ImportE
     let known: Vec<&String> = survey.topics.keys().collect();
     let known = if known.is_empty() { "no messages at all".into() } else { super::super::some_of(&known) };
     let damaged = if survey.damage.is_empty() { String::new() } else { format!(" ({})", survey.damage.join("; ")) };
-    Err(Place::file(name).wrong(format!(
-        "has no messages on {missing}, which the map names; it has {known}{damaged}: correct the map"
-    )))
+    Err(Place::file(name)
+        .wrong(format!("has no messages on {missing}, which the map names; it has {known}{damaged}: correct the map")))
 }
 
 /// A bag that is being read for the first time.
@@ -207,7 +206,10 @@ impl Reading<'_> {
         let last = self.survey.packets.last().copied();
         let (decoder, sequence) = self.decoder.get_or_insert_with(|| (Decoder::new(format), packet.sequence));
         if decoder.format() != format {
-            return Err(format!("changes its encoding from {} to {format} midway: cut the bag there", decoder.format()));
+            return Err(format!(
+                "changes its encoding from {} to {format} midway: cut the bag there",
+                decoder.format()
+            ));
         }
         // Numbers that start anew or stand still say nothing.
         let lost = packet.sequence.saturating_sub(*sequence).saturating_sub(1);
@@ -232,7 +234,8 @@ fn stamped(stamp_ns: u64) -> Result<(), String> {
     if stamp_ns > 0 {
         return Ok(());
     }
-    Err("has a message without a stamp in its header (0); images, events and robot are brought together by those".into())
+    Err("has a message without a stamp in its header (0); images, events and robot are brought together by those"
+        .into())
 }
 
 /// Watches the time and the triggers while packets are decoded.

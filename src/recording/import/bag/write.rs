@@ -8,10 +8,10 @@ use super::stops::{Found, Stop};
 use super::survey::{Survey, each_message, wrong};
 use super::{LAYOUT, Pictures};
 use crate::config::Topics;
+use crate::recording::import::ImportReport;
 use crate::recording::import::error::{ImportError, Place};
 use crate::recording::import::image_file::whole_format;
 use crate::recording::import::write::{Remains, SETUP};
-use crate::recording::import::ImportReport;
 use crate::recording::scan::Message;
 use crate::recording::{About, Attachment, EventPacket, FORMAT_VERSION, ImportSetup, Kind, Writer};
 use crate::session::{Captured, Exposure, Input, Stamp};
@@ -175,7 +175,10 @@ impl Copy<'_> {
         let said = bag.map.rgb.as_ref().map(|rgb| (rgb.width, rgb.height));
         if said != Some(size) {
             let (width, height) = said.unwrap_or_default();
-            return Err(wrong(format!("has an image of {}x{}, the map says {width}x{height}: correct it", size.0, size.1)));
+            return Err(wrong(format!(
+                "has an image of {}x{}, the map says {width}x{height}: correct it",
+                size.0, size.1
+            )));
         }
         Ok(Some(Encoded { bytes, format }))
     }
