@@ -42,7 +42,7 @@ fn real_corners_give_the_stereo_pair_that_others_found() {
     // Formal sigma of a focal length from 1540 corners of 0.2 px an axis is some 0.5 px of 714, and the baseline goes
     // with it: solvers that stop a fiftieth of that apart agree.
     within("/cameras/rgb/fx", 714.4, 0.06);
-    within("/cameras/rgb/fy", 724.5, 0.06);
+    within("/cameras/event/fx", 724.5, 0.06);
     within("/stereo/baseline_m", 0.189_499, 5e-6);
     within("/stereo/rotation_deg", 2.581, 1e-3);
 

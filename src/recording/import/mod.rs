@@ -2,8 +2,9 @@
 //!
 //! [`import`] recognises the layout by its marker file, checks everything that can be checked without the
 //! pixels, then copies images and event words unchanged. The file of a layout is read in one place
-//! (`session_folder`, `image_pose`); both end in a `DataSet`, which `write` turns into a recording.
-//! Uses the rest of `recording`, `events`, `session`, `board`, `geometry`.
+//! (`session_folder`, `image_pose`, `corners`); all end in a `DataSet`, which `write` turns into a recording.
+//! [`import_bag`] does the same for an MCAP file of others, message by message (`bag`).
+//! Uses the rest of `recording`, `config`, `events`, `session`, `board`, `geometry`.
 
 mod bag;
 mod corners;

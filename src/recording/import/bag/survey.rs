@@ -214,13 +214,15 @@ impl Reading<'_> {
         // Numbers that start anew or stand still say nothing.
         let lost = packet.sequence.saturating_sub(*sequence).saturating_sub(1);
         *sequence = packet.sequence;
+        let mut before_us = self.watch.last_us;
         if let Some(last) = last.filter(|_| lost > 0) {
             self.survey.lost_packets += lost;
             let since_us = (packet.stamp_ns.saturating_sub(last.stamp_ns) / 1000) as i64;
-            decoder.set_epoch_us(self.watch.last_us.unwrap_or(last.time_us).saturating_add(since_us));
+            let about_us = before_us.unwrap_or(last.time_us).saturating_add(since_us);
+            decoder.set_epoch_us(about_us);
+            before_us = Some(about_us);
         }
         self.watch.first_us = None;
-        let before_us = self.watch.last_us;
         decoder.decode_into(&packet.events, &mut self.watch);
         let time_us = self.watch.first_us.or(before_us).unwrap_or(0);
         let bytes = packet.events.len();
