@@ -62,7 +62,8 @@ pub(super) fn of_error(error: &anyhow::Error) -> Exit {
             _ => cause.downcast_ref::<SetupError>(),
         };
         let of_user = setup.is_some_and(|s| !matches!(s, SetupError::Recording(_)));
-        let of_map = matches!(cause.downcast_ref::<ImportError>(), Some(ImportError::Map(_) | ImportError::NoMap { .. }));
+        let of_map =
+            matches!(cause.downcast_ref::<ImportError>(), Some(ImportError::Map(_) | ImportError::NoMap { .. }));
         of_user || of_map || cause.is::<ConfigError>() || cause.is::<PlanError>() || cause.is::<UsageError>()
     });
     // The arm stands where it was stopped.

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
+use std::sync::OnceLock;
 
 use proptest::prelude::*;
 
@@ -35,16 +36,17 @@ fn file(compression: Option<mcap::Compression>, chunked: bool) -> Vec<u8> {
     bytes.into_inner()
 }
 
-fn files() -> Vec<Vec<u8>> {
+fn files() -> &'static [Vec<u8>] {
+    static FILES: OnceLock<Vec<Vec<u8>>> = OnceLock::new();
     let some =
         [(None, true), (None, false), (Some(mcap::Compression::Lz4), true), (Some(mcap::Compression::Zstd), true)];
-    some.map(|(compression, chunked)| file(compression, chunked)).into()
+    FILES.get_or_init(|| some.map(|(compression, chunked)| file(compression, chunked)).into())
 }
 
 #[test]
 fn whole_files_are_read_whole() {
     for bytes in files() {
-        let read = scan(&bytes);
+        let read = scan(bytes);
         assert_eq!(read.damage, Vec::<String>::new());
         assert_eq!(read.library, "somebody's recorder");
         assert_eq!(read.messages.len(), MESSAGES);
@@ -89,12 +91,12 @@ fn an_attachment_without_its_checksum_ends_the_reading() {
 #[test]
 fn a_file_that_is_cut_anywhere_keeps_what_is_whole() {
     for bytes in [file(None, true), file(None, false)] {
-        // Only the indexes may be missing without loss.
+        // Behind the head of the end of the data lie only its checksum and indexes: no loss.
         let end = bytes.len() - bytes.windows(9).rev().position(|w| w == [15, 4, 0, 0, 0, 0, 0, 0, 0]).unwrap() - 9;
         let mut kept = 0;
         for cut in 0..bytes.len() {
             let read = scan(&bytes[..cut]);
-            assert_eq!(read.damage.is_empty(), cut >= end + 13, "{cut} of {end}: {:?}", read.damage);
+            assert_eq!(read.damage.is_empty(), cut >= end + 9, "{cut} of {end}: {:?}", read.damage);
             assert!(read.messages.len() >= kept, "{cut}: {} after {kept}", read.messages.len());
             kept = read.messages.len();
         }
@@ -121,7 +123,7 @@ fn a_long_black_image_is_not_damage() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 4000, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn no_bytes_make_the_scan_panic(
@@ -130,7 +132,7 @@ proptest! {
         cut in any::<prop::sample::Index>(),
         cuts in any::<bool>(),
     ) {
-        let mut bytes = files().swap_remove(which);
+        let mut bytes = files()[which].clone();
         for (at, byte) in changes {
             let at = at.index(bytes.len());
             bytes[at] = byte;

@@ -269,8 +269,8 @@ mod tests {
         (0..count).map(at).collect()
     }
 
-    fn seconds(found: &[[u64; 2]]) -> Vec<[f64; 2]> {
-        found.iter().map(|t| t.map(|ns| ns as f64 * 1e-9)).collect()
+    fn milliseconds(found: &[[u64; 2]]) -> Vec<[u64; 2]> {
+        found.iter().map(|t| t.map(|ns| ns / 1_000_000)).collect()
     }
 
     #[test]
@@ -278,11 +278,11 @@ mod tests {
         // Rests to 1 s, moves by 0.1 rad to 2 s, rests again with the noise of encoders.
         let joint = |t: f64| 0.1 * (t - 1.0).clamp(0.0, 1.0) + 1e-4 * (t * 977.0).sin();
         for with_joints in [true, false] {
-            let found = seconds(&still(&samples(400, joint, with_joints), &RULE));
+            let found = milliseconds(&still(&samples(400, joint, with_joints), &RULE));
             let [[a, b], [c, d]] = found.as_slice() else { panic!("{found:?}") };
             // 0.1 rad/s leaves the limits, 1 mrad or 0.2 mm, within 10 ms.
-            assert!(*a == 0.0 && (b - 1.0).abs() < 0.02, "{found:?}");
-            assert!((c - 2.0).abs() < 0.02 && (d - 3.99).abs() < 1e-9, "{found:?}");
+            assert!(*a == 0 && b.abs_diff(1000) < 20, "{found:?}");
+            assert!(c.abs_diff(2000) < 20 && *d == 3990, "{found:?}");
         }
         // 4 mrad/s are 2 mrad in half a second.
         assert!(still(&samples(400, |t| 0.004 * t, true), &RULE).is_empty());
@@ -292,11 +292,11 @@ mod tests {
     fn gaps_and_speeds_end_a_rest() {
         let mut all = samples(200, |_| 0.3, true);
         all.drain(80..120);
-        assert_eq!(seconds(&still(&all, &RULE)), [[0.0, 0.79], [1.2, 1.99]]);
+        assert_eq!(milliseconds(&still(&all, &RULE)), [[0, 790], [1200, 1990]]);
         let mut fast = samples(200, |_| 0.3, true);
         fast[100].speeds_rad_s = Some([0.0, 0.0, 0.0, 0.02, 0.0, 0.0]);
         fast[101].speeds_rad_s = Some([f64::NAN; 6]);
-        assert_eq!(seconds(&still(&fast, &RULE)), [[0.0, 0.99], [1.02, 1.99]]);
+        assert_eq!(milliseconds(&still(&fast, &RULE)), [[0, 990], [1020, 1990]]);
         assert!(still(&samples(40, |_| 0.3, true), &RULE).is_empty(), "shorter than hold_s");
     }
 
