@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::{Point, Target};
 use crate::image::GrayImage;
 
-/// A ChArUco board of `squares_x` by `squares_y` squares.
+/// A ChArUco board of `squares_x` by `squares_y` squares, or a plain chessboard ([`Board::chessboard`]).
 ///
 /// Frame `target`: origin at the outer top-left corner, x right, y down, z into the board. The inner
 /// corner `id` is row-major: `id = row * (squares_x - 1) + column`.
@@ -29,11 +29,14 @@ pub struct Board {
     pub squares_y: u32,
     /// Side of a square, metres.
     pub square_m: f64,
-    /// Side of a marker, metres.
+    /// Side of a marker, metres; 0 without markers.
     pub marker_m: f64,
-    /// ArUco dictionary by OpenCV's name, such as `DICT_4X4_50`.
+    /// ArUco dictionary by OpenCV's name, such as `DICT_4X4_50`; [`NO_MARKERS`] without markers.
     pub dictionary: String,
 }
+
+/// The dictionary of a plain chessboard, which has no markers.
+pub const NO_MARKERS: &str = "none";
 
 /// Why a board cannot be.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -65,6 +68,17 @@ pub enum BoardError {
 }
 
 impl Board {
+    /// A plain chessboard of so many inner corners: no detector of this program finds it, its corners come from others.
+    pub fn chessboard(columns: u32, rows: u32, square_m: f64) -> Self {
+        let (squares_x, squares_y) = (columns.saturating_add(1), rows.saturating_add(1));
+        Self { squares_x, squares_y, square_m, marker_m: 0.0, dictionary: NO_MARKERS.into() }
+    }
+
+    /// Whether it has no markers.
+    pub fn is_chessboard(&self) -> bool {
+        self.dictionary == NO_MARKERS && self.marker_m == 0.0
+    }
+
     /// Checks the proportions; the dictionary is checked where it is loaded.
     pub fn check(&self) -> Result<(), BoardError> {
         let &Self { squares_x, squares_y, square_m, marker_m, .. } = self;
@@ -74,7 +88,7 @@ impl Board {
         if !(0.001..=1.0).contains(&square_m) {
             return Err(BoardError::Size { square_m });
         }
-        if !(0.3..=0.95).contains(&(marker_m / square_m)) {
+        if !(self.is_chessboard() || (0.3..=0.95).contains(&(marker_m / square_m))) {
             return Err(BoardError::Marker { square_m, marker_m });
         }
         Ok(())
@@ -134,6 +148,16 @@ mod tests {
     fn black_blends_to_153_and_white_stays() {
         let pattern = GrayImage { width: 2, height: 1, pixels: vec![0, 255] };
         assert_eq!(blend_with_white(&pattern, 0.6).pixels, [153, 255]);
+    }
+
+    #[test]
+    fn a_chessboard_has_the_corners_between_its_squares() {
+        let board = Board::chessboard(11, 7, 0.03);
+        assert!(board.check().is_ok() && board.is_chessboard() && !paper_board().is_chessboard());
+        assert_eq!(board.corner_count(), 77);
+        assert_eq!(board.corner(12).unwrap().xyz_m(), [2.0 * 0.03, 2.0 * 0.03, 0.0]);
+        // No markers of a dictionary, and markers of none, are no board.
+        assert!(Board { marker_m: 0.0, ..paper_board() }.check().is_err());
     }
 
     #[test]

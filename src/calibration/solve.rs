@@ -414,10 +414,15 @@ fn provenance(problem: &Problem, facts: BTreeMap<String, String>, sha256: BTreeM
         || "solved".to_owned(),
         |k| format!("taken over from session {} (result SHA-256 {})", k.source_session, k.source_sha256),
     );
+    let board_layout = if problem.board.is_chessboard() {
+        "plain chessboard, corners found by others"
+    } else {
+        "ChArUco of OpenCV 4.6 and later (first square black)"
+    };
     Provenance {
         opencv: cv::version(),
         board: problem.board.clone(),
-        board_layout: "ChArUco of OpenCV 4.6 and later (first square black)".into(),
+        board_layout: board_layout.into(),
         board_frame: "origin at the outer top-left corner, x right, y down, z into the board".into(),
         intrinsics,
         settings: problem.settings.clone(),

@@ -8,6 +8,7 @@ use crate::config::ConfigError;
 use crate::devices::RobotError;
 use crate::devices::sim::cell::SimError;
 use crate::plan::PlanError;
+use crate::recording::import::ImportError;
 use crate::runner::LiveError;
 use crate::runner::setup::SetupError;
 use crate::runner::solve::{SolveError, Solved};
@@ -61,7 +62,9 @@ pub(super) fn of_error(error: &anyhow::Error) -> Exit {
             _ => cause.downcast_ref::<SetupError>(),
         };
         let of_user = setup.is_some_and(|s| !matches!(s, SetupError::Recording(_)));
-        of_user || cause.is::<ConfigError>() || cause.is::<PlanError>() || cause.is::<UsageError>()
+        let of_map =
+            matches!(cause.downcast_ref::<ImportError>(), Some(ImportError::Map(_) | ImportError::NoMap { .. }));
+        of_user || of_map || cause.is::<ConfigError>() || cause.is::<PlanError>() || cause.is::<UsageError>()
     });
     // The arm stands where it was stopped.
     if error.chain().any(|cause| cause.is::<LiveError>()) {

@@ -20,6 +20,7 @@ pub(super) struct Schema {
 enum File {
     Cell,
     Trajectory,
+    Topics,
 }
 
 impl Schema {
@@ -27,6 +28,7 @@ impl Schema {
         let schema = match self.file {
             File::Cell => config::cell_schema(),
             File::Trajectory => config::trajectory_schema(),
+            File::Topics => config::topics_schema(),
         };
         print(&format!("{}\n", serde_json::to_string_pretty(&schema)?))?;
         Ok(Exit::Ok)

@@ -156,7 +156,7 @@ fn check_square(display: &DisplayCell, square_mm: f64, findings: &mut Findings<'
     }
 }
 
-fn board(file: BoardFile, findings: &mut Findings<'_>) -> Board {
+pub(super) fn board(file: BoardFile, findings: &mut Findings<'_>) -> Board {
     let BoardFile { dictionary, squares_x, squares_y, square_mm, marker_mm } = file;
     let board = Board { squares_x, squares_y, square_m: metres(square_mm), marker_m: metres(marker_mm), dictionary };
     match board.check() {

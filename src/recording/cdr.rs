@@ -64,12 +64,8 @@ impl EventPacket {
 
     /// Decodes little-endian CDR; `None` where the bytes are no such message.
     pub fn from_cdr(bytes: &[u8]) -> Option<Self> {
-        let mut cursor = Cursor { bytes: bytes.get(4..)?, at: 0 };
-        if bytes.get(1) != Some(&1) {
-            return None;
-        }
-        let (seconds, nanoseconds) = (cursor.u32()?, cursor.u32()?);
-        cursor.string()?;
+        let mut cursor = Cursor::new(bytes)?;
+        let (stamp_ns, _) = cursor.header()?;
         let (height, width) = (cursor.u32()?, cursor.u32()?);
         let (sequence, time_base_ns) = (cursor.u64()?, cursor.u64()?);
         let encoding = cursor.string()?;
@@ -77,9 +73,7 @@ impl EventPacket {
         if is_bigendian != 0 {
             return None;
         }
-        let length = cursor.u32()? as usize;
-        let events = cursor.take(length)?.to_vec();
-        let stamp_ns = u64::from(seconds) * 1_000_000_000 + u64::from(nanoseconds);
+        let events = cursor.bytes()?.to_vec();
         Some(Self { stamp_ns, height, width, sequence, time_base_ns, encoding, events })
     }
 }
@@ -98,13 +92,20 @@ fn put_string(out: &mut Vec<u8>, text: &str) {
     out.push(0);
 }
 
-struct Cursor<'a> {
+/// Reads a message in little-endian CDR, field by field.
+pub(super) struct Cursor<'a> {
     bytes: &'a [u8],
     at: usize,
 }
 
 impl<'a> Cursor<'a> {
-    fn take(&mut self, count: usize) -> Option<&'a [u8]> {
+    /// The message behind the four bytes that say how it is encoded; `None` where that is not little-endian CDR.
+    pub(super) fn new(message: &'a [u8]) -> Option<Self> {
+        let (head, bytes) = message.split_at_checked(4)?;
+        (head[..2] == [0, 1]).then_some(Self { bytes, at: 0 })
+    }
+
+    pub(super) fn take(&mut self, count: usize) -> Option<&'a [u8]> {
         let taken = self.bytes.get(self.at..self.at.checked_add(count)?)?;
         self.at += count;
         Some(taken)
@@ -115,7 +116,7 @@ impl<'a> Cursor<'a> {
         self.take(N)?.try_into().ok()
     }
 
-    fn u32(&mut self) -> Option<u32> {
+    pub(super) fn u32(&mut self) -> Option<u32> {
         self.number().map(u32::from_le_bytes)
     }
 
@@ -123,10 +124,34 @@ impl<'a> Cursor<'a> {
         self.number().map(u64::from_le_bytes)
     }
 
-    fn string(&mut self) -> Option<String> {
+    pub(super) fn f64(&mut self) -> Option<f64> {
+        self.number().map(f64::from_le_bytes)
+    }
+
+    pub(super) fn string(&mut self) -> Option<String> {
         let length = self.u32()? as usize;
-        let text = self.take(length)?.strip_suffix(&[0])?;
+        // Some writers give an empty text no end either.
+        let text = if length == 0 { &[] } else { self.take(length)?.strip_suffix(&[0])? };
         String::from_utf8(text.to_vec()).ok()
+    }
+
+    /// `uint8[]`.
+    pub(super) fn bytes(&mut self) -> Option<&'a [u8]> {
+        let length = self.u32()? as usize;
+        self.take(length)
+    }
+
+    /// A sequence of anything.
+    pub(super) fn list<T>(&mut self, mut one: impl FnMut(&mut Self) -> Option<T>) -> Option<Vec<T>> {
+        (0..self.u32()?).map(|_| one(self)).collect()
+    }
+
+    /// `std_msgs/Header`: its stamp in nanoseconds, and its frame.
+    pub(super) fn header(&mut self) -> Option<(u64, String)> {
+        let (seconds, nanoseconds) = (self.u32()?, self.u32()?);
+        // Seconds are signed there; nothing was recorded before 1970.
+        let stamp_ns = u64::from(i32::try_from(seconds).ok()?.unsigned_abs()) * 1_000_000_000 + u64::from(nanoseconds);
+        Some((stamp_ns, self.string()?))
     }
 }
 

@@ -59,7 +59,7 @@ pub enum RecordingError {
     },
     /// An MCAP file of something else.
     #[error(
-        "{path} is an MCAP file, but not a cellcal session (library `{library}`, {messages} messages); `cellcal import` takes folders, not bags yet"
+        "{path} is an MCAP file, but not a cellcal session (library `{library}`, {messages} messages); `cellcal import --map topics.yaml` turns a bag into one"
     )]
     Foreign {
         /// The file.

@@ -80,7 +80,7 @@ impl Recording {
         for (number, message) in messages.into_iter().enumerate() {
             let broken = |what: String| RecordingError::Broken {
                 path: path.into(),
-                what: format!("message {number} on {}: {what}", message.topic),
+                what: format!("message {number} on {}: {what}", message.channel.topic),
             };
             entries.extend(entry(&message).map_err(broken)?);
         }
@@ -114,7 +114,7 @@ impl Recording {
 
 fn entry(message: &scan::Message) -> Result<Option<Entry>, String> {
     let at = Stamp(message.log_time);
-    match &*message.topic {
+    match message.channel.topic.as_str() {
         topics::INPUTS => {
             let input = serde_json::from_slice(&message.data).map_err(|e| e.to_string())?;
             Ok(Some(Entry::Input(at, input)))

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::board::Board;
 use crate::calibration::problem::{CameraSetup, CheckTruth, DistancePair};
-use crate::calibration::settings::PoseKind;
+use crate::calibration::settings::{Carried, PoseKind};
 use crate::geometry::Camera;
 
 /// Version of the session format that this program writes and the newest that it reads.
@@ -56,6 +56,9 @@ pub struct ImportSetup {
     pub source: String,
     /// Whether robot poses enter the result.
     pub robot_poses: bool,
+    /// What the robot carries.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub carried: Carried,
     /// The board.
     pub board: Board,
     /// The cameras.
@@ -69,6 +72,9 @@ pub struct ImportSetup {
     /// Trigger input that carries the exposure signal.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trigger_channel: Option<u8>,
+    /// Whether the stamps of event packets are those of their arrival, on the clock of the images.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub arrivals: bool,
     /// Id and purpose of each pose, in order.
     pub poses: Vec<ImportedPose>,
     /// Known distances.
@@ -76,6 +82,17 @@ pub struct ImportSetup {
     /// What the checks compare with; absent if not said.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checks: Option<CheckTruth>,
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+impl ImportSetup {
+    /// Whether events are cut by trigger edges; packets with a time of arrival do without.
+    pub fn is_wired(&self) -> bool {
+        !self.arrivals || self.trigger_channel.is_some()
+    }
 }
 
 /// A pose of an imported session.

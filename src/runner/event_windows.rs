@@ -18,7 +18,7 @@ pub(super) fn event_windows(
     outcome: &Outcome,
     seen: &mut Seen,
 ) -> Vec<(usize, Window)> {
-    let heard = match Heard::of(part) {
+    let heard = match Heard::of(part, setup) {
         Ok(heard) => heard,
         Err(why) => {
             seen.problems.push(format!("event camera: {why}"));
@@ -49,12 +49,12 @@ struct Heard {
     spans_us: Vec<Option<[i64; 2]>>,
     arrivals: Vec<Arrival>,
     /// Whether the stamps of packets are those of their arrival.
-    live: bool,
+    arrived: bool,
 }
 
 impl Heard {
-    fn of(part: &Part<'_>) -> Result<Self, String> {
-        let (mut sink, mut heard) = (Edges::default(), Self { live: part.joins, ..Self::default() });
+    fn of(part: &Part<'_>, setup: &Setup) -> Result<Self, String> {
+        let (mut sink, mut heard) = (Edges::default(), Self { arrived: setup.arrivals, ..Self::default() });
         decode(part, &mut sink, &mut |sink, mark| match mark {
             Mark::Packet { stamp_ns } => {
                 let arrival = |last_us| Arrival { last_us, host_s: stamp_ns as f64 * 1e-9 };
@@ -80,7 +80,7 @@ impl Heard {
     }
 
     fn host_clock(&self) -> Option<HostClock> {
-        HostClock::find(&self.arrivals).filter(|_| self.live)
+        HostClock::find(&self.arrivals).filter(|_| self.arrived)
     }
 
     fn by_triggers(&self, setup: &Setup, shots: &[Shot<'_>], seen: &mut Seen) -> Result<Vec<(usize, Window)>, String> {
@@ -249,7 +249,8 @@ pub(super) enum Mark {
 
 /// Runs every event packet of a part through a decoder.
 ///
-/// Packets of one capture follow each other without a gap; between captures the camera was not recorded.
+/// Packets of one capture follow each other without a gap, unless one is missing in the recording; between captures the
+/// camera was not recorded.
 pub(super) fn decode<S: Sink>(
     part: &Part<'_>,
     sink: &mut S,
@@ -258,9 +259,12 @@ pub(super) fn decode<S: Sink>(
     let mut decoder: Option<Decoder> = None;
     // A live session joins the stream at its first capture; an import begins with the stream itself.
     let mut gap = part.joins;
+    let mut expected: Option<u64> = None;
     for entry in part.entries {
         match entry {
-            Entry::Events(EventPacket { encoding, time_base_ns, events, stamp_ns, .. }) => {
+            Entry::Events(EventPacket { encoding, time_base_ns, events, stamp_ns, sequence, .. }) => {
+                gap |= expected.is_some_and(|expected| expected != *sequence);
+                expected = Some(sequence.wrapping_add(1));
                 let decoder = match &mut decoder {
                     Some(decoder) => decoder,
                     none => none.insert(Decoder::new(Format::from_name(encoding).map_err(|e| e.to_string())?)),

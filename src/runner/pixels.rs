@@ -19,7 +19,7 @@ use crate::events::{Accumulated, Answered, BlinkClock, Event, LastPolarity, Sink
 use crate::geometry::Camera;
 use crate::image::{FloatImage, GrayImage};
 use crate::recording::{Entry, Kind, Recording};
-use crate::session::{Exposure, Input, Outcome, Stamp};
+use crate::session::{Exposure, Input, Outcome, PoseRecord, Stamp};
 use crate::vision::{self, precise};
 
 /// What the cameras saw, pose by pose.
@@ -84,6 +84,9 @@ pub(super) fn look(
     outcome: &Outcome,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Seen {
+    if let Some(views) = declared_views(outcome) {
+        return Seen { views, timing: None, problems: Vec::new() };
+    }
     let parts = parts(recording);
     let shots: Vec<Vec<Shot<'_>>> = parts.iter().map(|part| part.shots(outcome)).collect();
     let mut seen = Seen { views: vec![BTreeMap::new(); outcome.poses.len()], timing: None, problems: Vec::new() };
@@ -115,6 +118,16 @@ pub(super) fn look(
     }
     count_lost_views(shots.iter().flatten(), setup, &mut seen);
     seen
+}
+
+/// The corners that the source of an import declares; `None` where it has images and events to look at.
+fn declared_views(outcome: &Outcome) -> Option<Vec<BTreeMap<Camera, View>>> {
+    let views = |record: &PoseRecord| {
+        let captured = record.capture.and_then(|capture| outcome.captures.get(capture));
+        captured.and_then(|captured| captured.declared.as_ref()).map(|d| d.views.clone()).unwrap_or_default()
+    };
+    let views: Vec<_> = outcome.poses.iter().map(views).collect();
+    views.iter().any(|views| !views.is_empty()).then_some(views)
 }
 
 /// All that the events of a pose's windows give, in one image; signed where the display was watched.

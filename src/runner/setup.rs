@@ -52,6 +52,8 @@ pub struct Setup {
     pub trigger_channel: u8,
     /// Whether it does.
     pub wired: bool,
+    /// Whether the stamps of event packets are those of their arrival.
+    pub arrivals: bool,
     /// The state machine to run.
     pub machine: MachineSpec,
     /// The model of the arm that it was planned with, and the TCP in its flange; absent in an import.
@@ -261,12 +263,12 @@ impl Setup {
     }
 
     fn of_import(import: ImportSetup) -> Self {
-        let robot_poses = import.robot_poses;
         Self {
+            wired: import.is_wired(),
             name: import.name,
             board: import.board,
-            carried: Carried::Target,
-            robot_poses,
+            carried: import.carried,
+            robot_poses: import.robot_poses,
             cameras: import.cameras,
             machine: MachineSpec::Imported { poses: import.poses.len() },
             poses: import.poses.into_iter().map(|p| (p.id, p.kind)).collect(),
@@ -278,7 +280,7 @@ impl Setup {
             exposure_s: import.exposure_s.unwrap_or(0.1),
             image_period_s: import.image_period_s.unwrap_or(0.1),
             trigger_channel: import.trigger_channel.unwrap_or(0),
-            wired: true,
+            arrivals: import.arrivals,
             model: None,
             source: Some(import.source),
             sha256: BTreeMap::new(),
@@ -305,6 +307,7 @@ impl Setup {
             image_period_s: 1.0 / images_per_s,
             trigger_channel: cell.event.as_ref().map_or(0, |e| e.trigger_channel),
             wired: cell.rgb.as_ref().is_none_or(|c| c.wired),
+            arrivals: true,
             machine: if by_hand { by_hand_machine(cell) } else { machine(cell, arm, plan, run) },
             model: (!by_hand).then(|| (arm.clone(), cell.robot.tcp_offset)),
             source: None,

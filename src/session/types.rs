@@ -207,7 +207,7 @@ pub struct Captured {
 }
 
 /// What the source of an imported session says about a pose.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Declared {
     /// The interval in which the arm stood still, seconds of the session's clock; absent if not said.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -218,6 +218,9 @@ pub struct Declared {
     /// Measured joint positions, rad; absent if not said.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joints_rad: Option<Joints>,
+    /// The corners that each camera saw, where the source has corners instead of images and events.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub views: BTreeMap<Camera, View>,
 }
 
 /// One exposure of the frame camera.

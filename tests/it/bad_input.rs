@@ -44,7 +44,7 @@ fn the_shipped_cells_pass_the_check_and_the_schemas_are_those_of_the_program() {
         let report = json(&expect(0, &["check", cell, "--json"]));
         assert!(report["poses"].as_u64().unwrap() >= 39, "{report:#}");
     }
-    for kind in ["cell", "trajectory"] {
+    for kind in ["cell", "topics", "trajectory"] {
         let printed = String::from_utf8(expect(0, &["schema", kind]).stdout).unwrap();
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!(".schema/{kind}.json"));
         let shipped = std::fs::read_to_string(&path).unwrap();

@@ -4,6 +4,7 @@
 mod always;
 mod architecture;
 mod bad_input;
+mod bag;
 mod bench;
 mod camera;
 mod cell_around;
@@ -17,6 +18,7 @@ mod genicam;
 mod handheld;
 mod killed;
 mod pictures;
+mod precise_corners;
 mod real_data;
 mod resume;
 mod simulated_cell;

@@ -18,6 +18,7 @@ impl HandEyeMethod {
     /// Its name in files and tables.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Refined => "refined",
             Self::Tsai => "tsai",
             Self::Park => "park",
             Self::Horaud => "horaud",

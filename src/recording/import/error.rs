@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use super::super::RecordingError;
+use crate::config::ConfigError;
 
 /// Why a folder cannot be imported; nothing has been written then.
 #[derive(Debug, thiserror::Error)]
@@ -17,15 +18,19 @@ pub enum ImportError {
         why: std::io::Error,
     },
     /// A file where a folder is expected.
-    #[error("{path} is a file; give the folder that holds the data set")]
+    #[error(
+        "{path} is a file, but neither an MCAP bag nor the JSON of a layout C (with `board` and `views`); give the folder \
+         that holds the data set"
+    )]
     NotAFolder {
         /// What was given.
         path: PathBuf,
     },
     /// None of the layouts.
     #[error(
-        "{path} holds no data set that can be imported; looked for session.json (layout A: session folder) and \
-         cal_data.yaml (layout B: image and pose files), found {found}"
+        "{path} holds no data set that can be imported; looked for session.json (layout A: session folder), \
+         cal_data.yaml (layout B: image and pose files) and a JSON file with `board` and `views` (layout C: corners only), \
+         found {found}"
     )]
     UnknownLayout {
         /// The folder.
@@ -41,13 +46,13 @@ pub enum ImportError {
         /// The folder.
         path: PathBuf,
     },
-    /// Corners without images.
-    #[error("layout C (corners only) is not supported yet; {path} holds {found}, import needs the images")]
-    CornersOnly {
-        /// The folder.
+    /// An option that this layout has no use for.
+    #[error(
+        "--image-size is for corners without images (layout C); {path} has images, whose size is known: leave it out"
+    )]
+    NoSizeNeeded {
+        /// What was given.
         path: PathBuf,
-        /// The file with the corners.
-        found: String,
     },
     /// A file of the data set is wrong.
     #[error("{place}{}{what}", place.separator())]
@@ -56,6 +61,19 @@ pub enum ImportError {
         place: Place,
         /// What was found, what is allowed and what to do.
         what: String,
+    },
+    /// The map of a bag is wrong.
+    #[error(transparent)]
+    Map(#[from] ConfigError),
+    /// A bag without a map.
+    #[error(
+        "{path} is an MCAP bag; say with --map topics.yaml what its topics mean (README, Imports): it has {topics}"
+    )]
+    NoMap {
+        /// The bag.
+        path: PathBuf,
+        /// Its topics and what is on them.
+        topics: String,
     },
     /// The session file cannot be written.
     #[error(transparent)]

@@ -50,7 +50,7 @@ pub(super) fn read_sized(
 }
 
 /// The format of an encoded image, or why it is none or not whole: decoders fill a cut image with gray.
-fn whole_format(bytes: &[u8]) -> Result<&'static str, String> {
+pub(super) fn whole_format(bytes: &[u8]) -> Result<&'static str, String> {
     let (format, whole) = match bytes {
         [] => return Err("the file is empty".into()),
         _ if bytes.starts_with(PNG) => ("png", is_whole_png(bytes)),

@@ -15,7 +15,7 @@ use super::source::{Source, place_of};
 use super::{ImportOptions, MARKER_B, Probe, image_file};
 use crate::board::{Board, DICTIONARIES};
 use crate::calibration::problem::CameraSetup;
-use crate::calibration::settings::PoseKind;
+use crate::calibration::settings::{Carried, PoseKind};
 use crate::geometry::{Base, Camera, Tcp, Transform};
 use crate::recording::setup::{ImportSetup, ImportedPose};
 use crate::session::{Declared, Exposure};
@@ -92,11 +92,13 @@ pub(super) fn read(mut source: Source, options: &ImportOptions, probe: Probe<'_>
         name: options.name.clone().unwrap_or_else(|| source.name()),
         source: describe(options.board.is_some()),
         robot_poses: true,
+        carried: Carried::default(),
         board,
         cameras: BTreeMap::from([(Camera::Rgb, camera)]),
         exposure_s: None,
         image_period_s: None,
         trigger_channel: None,
+        arrivals: false,
         poses,
         pairs: Vec::new(),
         checks: None,
@@ -234,7 +236,7 @@ fn capture(index: usize, image: ImageFile, base_from_tcp: Transform<Base, Tcp>) 
     Capture {
         pose: index,
         exposures: vec![Shot { exposure: Exposure::whole(start_s, start_s + EXPOSURE_S), image: Some(image) }],
-        declared: Declared { still_s: None, base_from_tcp: Some(base_from_tcp), joints_rad: None },
+        declared: Declared { base_from_tcp: Some(base_from_tcp), ..Declared::default() },
     }
 }
 

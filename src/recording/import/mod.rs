@@ -2,9 +2,12 @@
 //!
 //! [`import`] recognises the layout by its marker file, checks everything that can be checked without the
 //! pixels, then copies images and event words unchanged. The file of a layout is read in one place
-//! (`session_folder`, `image_pose`); both end in a `DataSet`, which `write` turns into a recording.
-//! Uses the rest of `recording`, `events`, `session`, `board`, `geometry`.
+//! (`session_folder`, `image_pose`, `corners`); all end in a `DataSet`, which `write` turns into a recording.
+//! [`import_bag`] does the same for an MCAP file of others, message by message (`bag`).
+//! Uses the rest of `recording`, `config`, `events`, `session`, `board`, `geometry`.
 
+mod bag;
+mod corners;
 mod data_set;
 mod error;
 mod events_raw;
@@ -21,6 +24,7 @@ mod write;
 #[cfg(test)]
 mod tests;
 
+pub use bag::{BagOptions, Pictures, import_bag};
 pub use error::{ImportError, Place};
 
 use std::fs;
@@ -47,6 +51,8 @@ pub struct ImportOptions {
     pub name: Option<String>,
     /// The board; counts before the one in the data set.
     pub board: Option<Board>,
+    /// Width and height of the images that corners were found in, pixels; for layout C only.
+    pub image_size: Option<(u32, u32)>,
     /// Names the session; given by the caller, so that importing twice can give equal bytes.
     pub session_id: String,
 }
@@ -89,22 +95,41 @@ pub fn import(
 }
 
 fn read(folder: &Path, options: &ImportOptions, probe: Probe<'_>) -> Result<DataSet, ImportError> {
+    if folder.is_file() {
+        return read_corners(folder, options);
+    }
     let names = names_in(folder)?;
     let has = |name: &str| names.iter().any(|found| found == name);
+    if options.image_size.is_some() && (has(MARKER_A) || has(MARKER_B)) {
+        return Err(ImportError::NoSizeNeeded { path: folder.into() });
+    }
     let source = Source::new(folder);
     match (has(MARKER_A), has(MARKER_B)) {
         (true, true) => Err(ImportError::TwoLayouts { path: folder.into() }),
         (true, false) => session_folder::read(source, options),
         (false, true) => image_pose::read(source, options, probe),
-        (false, false) => Err(no_layout(folder, &names)),
+        (false, false) => match names.iter().find(|name| corners::is_of_corners(&folder.join(name))) {
+            Some(file) => corners::read(source, file, options),
+            None => Err(no_layout(folder, &names)),
+        },
     }
+}
+
+/// Reads a file that is a whole data set.
+fn read_corners(path: &Path, options: &ImportOptions) -> Result<DataSet, ImportError> {
+    if bag::is_mcap(path) {
+        return Err(ImportError::NoMap { path: path.into(), topics: bag::topics(path)? });
+    }
+    if !corners::is_of_corners(path) {
+        return Err(ImportError::NotAFolder { path: path.into() });
+    }
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let file = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    corners::read(Source::new(folder), &file, options)
 }
 
 /// Names of everything in the folder, sorted.
 fn names_in(folder: &Path) -> Result<Vec<String>, ImportError> {
-    if folder.is_file() {
-        return Err(ImportError::NotAFolder { path: folder.into() });
-    }
     let failed = |why| ImportError::Folder { path: folder.into(), why };
     let mut names = Vec::new();
     for entry in fs::read_dir(folder).map_err(failed)? {
@@ -115,22 +140,8 @@ fn names_in(folder: &Path) -> Result<Vec<String>, ImportError> {
 }
 
 fn no_layout(folder: &Path, names: &[String]) -> ImportError {
-    let path = folder.to_path_buf();
-    match names.iter().find(|name| holds_corners(&folder.join(name))) {
-        Some(found) => ImportError::CornersOnly { path, found: found.clone() },
-        None if names.is_empty() => ImportError::UnknownLayout { path, found: "nothing: it is empty".into() },
-        None => ImportError::UnknownLayout { path, found: some_of(names) },
-    }
-}
-
-/// Whether a file looks like corners of two cameras without images (layout C).
-fn holds_corners(path: &Path) -> bool {
-    /// A file of corners is small; anything larger is not looked at.
-    const BYTES_MAX: u64 = 64 << 20;
-    let small = path.extension().is_some_and(|e| e == "json") && path.metadata().is_ok_and(|m| m.len() <= BYTES_MAX);
-    let text = if small { fs::read_to_string(path).ok() } else { None };
-    let value = text.and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok());
-    value.is_some_and(|v| v.get("board").is_some() && v.get("detector_params").is_some())
+    let found = if names.is_empty() { "nothing: it is empty".into() } else { some_of(names) };
+    ImportError::UnknownLayout { path: folder.into(), found }
 }
 
 /// The first names, and how many more there are.

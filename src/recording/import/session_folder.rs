@@ -11,6 +11,7 @@ use super::session_json::{self, Mode, SessionJson};
 use super::source::Source;
 use super::{ImportOptions, some_of};
 use crate::calibration::problem::{CameraSetup, CheckTruth};
+use crate::calibration::settings::Carried;
 use crate::geometry::Camera;
 use crate::recording::setup::{ImportSetup, ImportedPose};
 use crate::session::{Declared, Exposure};
@@ -32,11 +33,13 @@ pub(super) fn read(mut source: Source, options: &ImportOptions) -> Result<DataSe
         name: options.name.clone().unwrap_or_else(|| source.name()),
         source: describe(&json, options.board.is_some()),
         robot_poses: json.mode == Mode::Handeye,
+        carried: Carried::default(),
         board,
         cameras: cameras(&json),
         exposure_s: json.exposure_s,
         image_period_s: json.fps.map(|fps| 1.0 / fps),
         trigger_channel: json.trigger.as_ref().map(|trigger| trigger.channel),
+        arrivals: false,
         poses: poses.iter().map(|pose| ImportedPose { id: pose.id.clone(), kind: pose.kind }).collect(),
         pairs,
         checks: json.checks.map(|c| CheckTruth { corner_id: c.corner_id, target_to_tcp_m: c.d_target_tcp_m }),
@@ -173,6 +176,7 @@ fn captures(source: &Source, poses: &[Pose], frames: &[Frame], origin_s: f64) ->
             still_s: Some(pose.still_host_s.map(|t| t - origin_s)),
             base_from_tcp: pose.base_from_tcp,
             joints_rad: pose.joints_rad,
+            ..Declared::default()
         },
     };
     let mut captures: Vec<Capture> = poses.iter().enumerate().map(capture).collect();

@@ -11,7 +11,7 @@ use crate::recording::{About, Attachment, FORMAT_VERSION, Kind, RecordingError, 
 use crate::session::{Captured, Input, Stamp};
 
 /// The attachment that stands in for cell and trajectory.
-const SETUP: &str = "import.json";
+pub(super) const SETUP: &str = "import.json";
 
 /// Refuses an output that exists, before a long survey.
 pub(super) fn check_output(output: &Path) -> Result<(), RecordingError> {
@@ -125,19 +125,20 @@ impl Copy<'_> {
 }
 
 /// Removes an unfinished recording when it is dropped, unless it was kept.
-struct Remains {
+pub(super) struct Remains {
     /// What to remove; absent where it is not ours.
     partial: Option<PathBuf>,
 }
 
 impl Remains {
     /// The unfinished file that the writer makes for `output`; none where it will refuse to.
-    fn of(output: &Path) -> Self {
+    pub(super) fn of(output: &Path) -> Self {
         let partial = output.with_extension("mcap.partial");
         Self { partial: (!output.exists()).then_some(partial) }
     }
 
-    fn keep(mut self) {
+    /// The file is complete.
+    pub(super) fn keep(mut self) {
         self.partial = None;
     }
 }
