@@ -276,10 +276,11 @@ fn import(folder: &Path, bag: &Path, map: &str) -> (std::process::Output, PathBu
 /// Both cameras, stereo and hand-eye against the truth.
 fn check_result(result: &serde_json::Value) {
     let truth = scene();
-    // What the simulator is held to for the paper's method, with its 39 poses.
-    for (camera, rms) in [("rgb", 0.08..0.20), ("event", 0.35..0.60)] {
+    // What the simulator is held to for the paper's method, with one image a pose; the mean of two has less noise, at
+    // best by the square root of two.
+    for (camera, low, high) in [("rgb", 0.08, 0.20), ("event", 0.35, 0.60)] {
         let found = number(result, &format!("/cameras/{camera}/rms_px"));
-        assert!(rms.contains(&found), "{camera}: {found}");
+        assert!((low / 2.0_f64.sqrt()..high).contains(&found), "{camera}: {found}");
     }
     // As for sessions of our own: an independent model has median errors of 2.6 mm in stereo and 5.0 mm in hand-eye
     // with 39 poses, and published rotations scatter by 0.285 deg; three times that, and more for fewer poses.
