@@ -94,7 +94,7 @@ pub fn find_corners(board: &Board, image: &GrayImage, look: Look) -> Result<View
     };
     let half = Size::new(half_px, half_px);
     let stop = TermCriteria::new(3, 50, 1e-4)?;
-    imgproc::corner_sub_pix(image, &mut corners, half, Size::new(-1, -1), stop)?;
+    imgproc::corner_sub_pix(&image, &mut corners, half, Size::new(-1, -1), stop)?;
     without_outliers(board, &view(&corners))
 }
 
