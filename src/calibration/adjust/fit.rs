@@ -15,7 +15,9 @@ const SCALE_FLOOR: f64 = 1e-4;
 /// Median of the squared length of two normal numbers.
 const MEDIAN_OF_TWO: f64 = 1.386_294_361_119_890_6;
 /// Times that the weights are found again.
-const REWEIGHTED: usize = 12;
+const REWEIGHTED: usize = 40;
+/// The noise of the arm is stretched by at most this: where the cameras are noisier, plain steps creep.
+const STRETCH: f64 = 10.0;
 
 /// A problem under way: what was seen, the unknowns, their weights.
 #[derive(Debug, Clone)]
@@ -39,6 +41,23 @@ pub(super) struct Arrived {
     pub(super) pull: SharedVector,
     /// Covariance of the shared numbers.
     pub(super) covariance: SharedMatrix,
+}
+
+/// Finds where a number no longer pulls; where the cameras are noisier than the arm, plain steps creep.
+#[derive(Debug, Clone, Copy, Default)]
+struct Secant {
+    before: Option<(f64, f64)>,
+}
+
+impl Secant {
+    /// The step from `at`, where the number is pulled by `pull`.
+    fn next(&mut self, at: f64, pull: f64) -> f64 {
+        let slope = self.before.map_or(-1.0, |(then, pulled)| (pull - pulled) / (at - then));
+        self.before = Some((at, pull));
+        let sensible = (-1.5..0.0).contains(&slope);
+        let step = if sensible { pull / (-slope).max(1.0 / STRETCH) } else { pull };
+        step.clamp(-1.5, 1.5)
+    }
 }
 
 /// A step of everything.
@@ -167,13 +186,13 @@ impl Fit {
     }
 
     /// Scales and the robot's noise from what is left over the unknowns; whether they are as before.
-    fn reweight(&mut self, with_scale: bool) -> Result<bool, String> {
+    fn reweight(&mut self, with_scale: bool, last: &mut [Secant; 2]) -> Result<bool, String> {
         let arrived = self.arrived()?;
         let (mut paid, mut robot_paid) = ([0.0; 2], [0.0; 2]);
         for (at, (normal, sights)) in arrived.normals.iter().zip(&self.sights).enumerate() {
             let free = || format!("pose {}: its corners do not determine the board's pose", sights.id);
             let joint = JointCovariance::of(&arrived.covariance, normal).ok_or_else(free)?;
-            let here = normal::unknowns_paid(&self.state, at, sights, &self.weights, &joint);
+            let here = normal::unknowns_paid(&self.state, at, sights, &self.weights, &self.active, &joint);
             (0..2).for_each(|k| paid[k] += here[k]);
             if let Some(ties) = &self.weights.ties {
                 let here = robot::unknowns_paid(&self.state, at, sights, ties, &joint);
@@ -184,7 +203,7 @@ impl Fit {
         for camera in (0..2).filter(|_| with_scale) {
             same &= self.rescale(camera, paid[camera]);
         }
-        Ok(same & self.reweight_robot(robot_paid))
+        Ok(same & self.reweight_robot(robot_paid, last))
     }
 
     /// Huber's second proposal: the scale at which clipped errors have the variance that they should.
@@ -207,19 +226,22 @@ impl Fit {
         (scale / old - 1.0).abs() < 2e-3
     }
 
-    fn reweight_robot(&mut self, paid: [f64; 2]) -> bool {
+    fn reweight_robot(&mut self, paid: [f64; 2], last: &mut [Secant; 2]) -> bool {
         let Some(ties) = self.weights.ties else { return true };
         let errors: Vec<_> = self.robot_errors().into_iter().filter(|(tied, _)| *tied).map(|(_, e)| e).collect();
-        let sigma = |k: usize, floor: f64, old: f64| {
+        let mut sigma = |k: usize, floor: f64, old: f64| {
             let sum: f64 = errors.iter().map(|e| robot::lengths(e)[k].powi(2)).sum();
             let left = 3.0 * errors.len() as f64 - paid[k];
-            // Never larger than with every unknown counted here: a group that explains itself says nothing.
-            if left > 0.5 { (sum / left).sqrt().max(floor) } else { old }
+            let plain = if left > 1e-3 { (sum / left).sqrt() } else { old };
+            let (at, pull) = (old.ln(), (plain / old).ln());
+            (pull, (at + last[k].next(at, pull)).exp().max(floor))
         };
-        let sigma_m = sigma(0, robot::FLOOR_M, ties.sigma_m);
-        let sigma_rad = sigma(1, robot::FLOOR_RAD, ties.sigma_rad);
+        let (pull_m, sigma_m) = sigma(0, robot::FLOOR_M, ties.sigma_m);
+        let (pull_rad, sigma_rad) = sigma(1, robot::FLOOR_RAD, ties.sigma_rad);
         self.weights.ties = Some(robot::Ties { sigma_m, sigma_rad, ..ties });
-        (sigma_m / ties.sigma_m - 1.0).abs() < 5e-3 && (sigma_rad / ties.sigma_rad - 1.0).abs() < 5e-3
+        let at_floor = |pull: f64, old: f64, floor: f64| pull < 0.0 && old <= floor;
+        (pull_m.abs() < 1e-3 || at_floor(pull_m, ties.sigma_m, robot::FLOOR_M))
+            && (pull_rad.abs() < 1e-3 || at_floor(pull_rad, ties.sigma_rad, robot::FLOOR_RAD))
     }
 
     /// Errors of the robot's poses, and whether each enters; poses without one are left out.
@@ -232,8 +254,9 @@ impl Fit {
     /// Goes to the minimum, with weights that fit what is left there; scales of corners only where said.
     pub(super) fn go_and_reweight(&mut self, with_scale: bool) -> Result<Arrived, String> {
         self.go()?;
+        let mut last = [Secant::default(); 2];
         for _ in 0..REWEIGHTED {
-            let same = self.reweight(with_scale)?;
+            let same = self.reweight(with_scale, &mut last)?;
             self.go()?;
             if same {
                 break;

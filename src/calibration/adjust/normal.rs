@@ -7,9 +7,7 @@ use super::lens::{self, LENS};
 use super::robot::{self, Ties};
 use super::se3;
 use super::shape::TERMS;
-use super::state::{
-    Active, LEFT, LENSES, RIGHT, SECOND, SHAPE, SHARED, SharedMatrix, SharedVector, State, shape_prior,
-};
+use super::state::{Active, LEFT, LENSES, RIGHT, SECOND, SHAPE, SHARED, SharedMatrix, SharedVector, State, shape_prior};
 
 /// Beyond this many sigma a corner pulls no harder (Huber).
 pub(super) const HUBER_SIGMA: f64 = 2.5;
@@ -115,14 +113,8 @@ pub(super) fn cost(state: &State, sights: &[PoseSights], weights: &Weights, acti
     seen + shape * shape_prior()
 }
 
-/// Error over its sigma and its derivatives; `None` behind the camera.
-fn slopes(
-    state: &State,
-    pose: &Isometry3<f64>,
-    turn: &nalgebra::Matrix3<f64>,
-    camera: usize,
-    sight: &Sight,
-) -> Option<(Vector2<f64>, Slopes)> {
+/// Error over its sigma, and the derivatives of the position in px; `None` behind the camera.
+fn slopes(state: &State, pose: &Isometry3<f64>, turn: &nalgebra::Matrix3<f64>, camera: usize, sight: &Sight) -> Option<(Vector2<f64>, Slopes)> {
     let in_rig = pose.rotation * sight.on_shape(&state.shape_m) + pose.translation.vector;
     let second = &state.second_from_first;
     let in_camera = if camera == 0 { in_rig } else { second.rotation * in_rig + second.translation.vector };
@@ -140,9 +132,7 @@ fn slopes(
     for (k, basis) in sight.basis.iter().enumerate() {
         all.set_column(LOCAL_SHAPE + k, &(by_height * *basis));
     }
-    let whitened =
-        Slopes::from_columns(&std::array::from_fn::<_, LOCAL, _>(|k| sight.whiten(&all.column(k).into_owned())));
-    Some((sight.whiten(&(sight.px - seen.px)), whitened))
+    Some((sight.whiten(&(sight.px - seen.px)), all))
 }
 
 /// `by_point` times the derivative of the point by a step: `[I, -[p]x]`.
@@ -154,30 +144,58 @@ fn by_step(by_point: &nalgebra::Matrix2x3<f64>, p: &nalgebra::Vector3<f64>) -> S
     all
 }
 
+/// Unknowns of one camera at one pose that are solved: the active shared ones, and the pose.
+struct Columns {
+    list: [usize; LOCAL],
+    count: usize,
+}
+
+impl Columns {
+    fn of(camera: usize, active: &Active) -> Self {
+        let (mut list, mut count) = ([0; LOCAL], 0);
+        for i in (0..LOCAL).filter(|i| *i >= LOCAL_POSE || active.0[shared_index(camera, *i)]) {
+            list[count] = i;
+            count += 1;
+        }
+        Self { list, count }
+    }
+
+    fn all(&self) -> &[usize] {
+        &self.list[..self.count]
+    }
+}
+
 /// Normal equations of one camera at one pose.
 struct Local {
     matrix: LocalMatrix,
     pull: SMatrix<f64, LOCAL, 1>,
+    columns: Columns,
 }
 
 impl Local {
-    fn of(state: &State, pose: &Isometry3<f64>, camera: usize, view: &[Sight], scale: f64) -> Self {
-        let mut local = Self { matrix: LocalMatrix::zeros(), pull: SMatrix::zeros() };
+    fn of(state: &State, pose: &Isometry3<f64>, camera: usize, view: &[Sight], scale: f64, active: &Active) -> Self {
+        let columns = Columns::of(camera, active);
+        let mut local = Self { matrix: LocalMatrix::zeros(), pull: SMatrix::zeros(), columns };
         let turn = *pose.rotation.to_rotation_matrix().matrix();
         let per_scale = 1.0 / (scale * scale);
         for sight in view.iter().filter(|s| s.used) {
             let Some((error, slopes)) = slopes(state, pose, &turn, camera, sight) else { continue };
-            local.add(&slopes, &error, per_scale * huber_weight(error.norm_squared() * per_scale));
+            local.add(sight, &slopes, &error, per_scale * huber_weight(error.norm_squared() * per_scale));
         }
         local
     }
 
-    fn add(&mut self, slopes: &Slopes, error: &Vector2<f64>, weight: f64) {
-        for column in 0..LOCAL {
-            let (a, b) = (weight * slopes[(0, column)], weight * slopes[(1, column)]);
-            self.pull[column] += a * error.x + b * error.y;
-            for row in 0..=column {
-                self.matrix[(row, column)] += slopes[(0, row)] * a + slopes[(1, row)] * b;
+    fn add(&mut self, sight: &Sight, slopes: &Slopes, error: &Vector2<f64>, weight: f64) {
+        let (mut white, count) = ([[0.0; 2]; LOCAL], self.columns.count);
+        for (to, column) in white.iter_mut().zip(self.columns.all()) {
+            let one = sight.whiten(&Vector2::new(slopes[(0, *column)], slopes[(1, *column)]));
+            *to = [one.x, one.y];
+        }
+        for (k, column) in self.columns.list[..count].iter().enumerate() {
+            let [a, b] = white[k].map(|v| v * weight);
+            self.pull[*column] += a * error.x + b * error.y;
+            for (row, [x, y]) in self.columns.list[..=k].iter().zip(&white[..=k]) {
+                self.matrix[(*row, *column)] += x * a + y * b;
             }
         }
     }
@@ -207,20 +225,21 @@ pub(super) fn pose_normal(
 ) {
     *normal = PoseNormal::zeros();
     for (camera, view) in sights.views.iter().enumerate().filter(|(_, v)| !v.is_empty()) {
-        let local = Local::of(state, &state.poses[at], camera, view, weights.scale[camera]);
-        scatter(normal, &local, camera, active);
+        let local = Local::of(state, &state.poses[at], camera, view, weights.scale[camera], active);
+        scatter(normal, &local, camera);
     }
     if let Some(ties) = &weights.ties {
         robot::add(normal, state, at, sights, ties, active);
     }
 }
 
-fn scatter(normal: &mut PoseNormal, local: &Local, camera: usize, active: &Active) {
+fn scatter(normal: &mut PoseNormal, local: &Local, camera: usize) {
     let pose = |k: usize| LOCAL_POSE + k;
-    for i in (0..LOCAL_POSE).filter(|i| active.0[shared_index(camera, *i)]) {
+    let shared = || local.columns.all().iter().copied().filter(|i| *i < LOCAL_POSE);
+    for i in shared() {
         let to = shared_index(camera, i);
         normal.pull[to] += local.pull[i];
-        for j in (0..LOCAL_POSE).filter(|j| active.0[shared_index(camera, *j)]) {
+        for j in shared() {
             normal.shared[(to, shared_index(camera, j))] += local.at(i, j);
         }
         for k in 0..6 {
@@ -241,14 +260,15 @@ pub(super) fn unknowns_paid(
     at: usize,
     sights: &PoseSights,
     weights: &Weights,
+    active: &Active,
     joint: &JointCovariance<'_>,
 ) -> [f64; 2] {
     std::array::from_fn(|camera| {
         let view = &sights.views[camera];
-        let local = Local::of(state, &state.poses[at], camera, view, weights.scale[camera]);
+        let local = Local::of(state, &state.poses[at], camera, view, weights.scale[camera], active);
         let mut sum = 0.0;
-        for i in 0..LOCAL {
-            for j in 0..LOCAL {
+        for &i in local.columns.all() {
+            for &j in local.columns.all() {
                 sum += local.at(i, j) * joint.at(camera, i, j);
             }
         }
