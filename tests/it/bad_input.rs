@@ -44,12 +44,28 @@ fn the_shipped_cells_pass_the_check_and_the_schemas_are_those_of_the_program() {
         let report = json(&expect(0, &["check", cell, "--json"]));
         assert!(report["poses"].as_u64().unwrap() >= 39, "{report:#}");
     }
+    // One planned tour does the work of all, and nothing is to be added to it.
+    let tour = json(&expect(0, &["check", "cells/sim-tour.yaml", "--json"]));
+    assert!(tour["poses"].as_u64().unwrap() <= 20 && tour["duration_s"].as_f64().unwrap() <= 60.0, "{tour:#}");
+    assert_eq!((&tour["advice"], &tour["distance_poses"]), (&serde_json::json!([]), &serde_json::json!(4)), "{tour:#}");
     for kind in ["cell", "topics", "trajectory"] {
         let printed = String::from_utf8(expect(0, &["schema", kind]).stdout).unwrap();
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!(".schema/{kind}.json"));
         let shipped = std::fs::read_to_string(&path).unwrap();
         assert!(printed == shipped, "{} is stale: cellcal schema {kind} > {0}", path.display());
     }
+}
+
+#[test]
+fn a_tour_is_not_planned_where_it_cannot_be_or_would_replace_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let fresh = folder.path().join("tour.yaml");
+    let said = stderr(&expect(2, &["plan", "cells/handheld.yaml", "-o", text(&fresh)]));
+    assert!(said.contains("handheld.yaml: the cell has `robot: none`") && !fresh.exists(), "{said}");
+    std::fs::write(&fresh, "mine").unwrap();
+    let said = stderr(&expect(2, &["plan", "cells/sim.yaml", "-o", text(&fresh)]));
+    assert!(said.contains("exists already; --force replaces it"), "{said}");
+    assert_eq!(std::fs::read_to_string(&fresh).unwrap(), "mine");
 }
 
 #[test]
