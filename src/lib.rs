@@ -26,6 +26,7 @@
 //! | `runner` | the one loop and its two worlds, live and replay; then vision and calibration on what was seen |
 //! | `report` | a finished calibration for people: terminal and HTML |
 //! | `daemon` | pages over HTTP: the display for any screen, live views of the cameras |
+//! | `study` | experiments on the simulator, judged by the truth that only it knows |
 //! | `cli` | one file per subcommand |
 //!
 //! # Three rules
@@ -61,4 +62,5 @@ pub mod recording;
 pub mod report;
 pub mod runner;
 pub mod session;
+pub mod study;
 pub mod vision;

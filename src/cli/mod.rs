@@ -21,6 +21,7 @@ mod run;
 mod schema;
 mod session;
 mod sim;
+mod study;
 mod target;
 mod teach;
 
@@ -69,6 +70,9 @@ enum Command {
     Target(target::Target),
     /// Shows a session or a result as a report.
     Report(report::Report),
+    /// Experiments on the simulator, against its truth.
+    #[command(subcommand)]
+    Study(study::Study),
     /// Looks into event files.
     #[command(subcommand)]
     Events(events::Events),
@@ -114,6 +118,7 @@ fn execute(arguments: Arguments) -> anyhow::Result<Exit> {
         Command::Plan(command) => command.execute(),
         Command::Target(command) => command.execute(),
         Command::Report(command) => command.execute(),
+        Command::Study(command) => command.execute(),
         Command::Events(command) => command.execute(),
         Command::Schema(command) => command.execute(),
     }

@@ -8,12 +8,14 @@ use super::pixels::{self, Seen};
 use super::replay::{Diverged, Replay};
 use super::setup::{MachineSpec, Setup, SetupError};
 use super::{World, run};
+use crate::board::View;
 use crate::calibration::gates::Status;
 use crate::calibration::kinematics::{KinematicsResult, PoseKinematics, compare};
 use crate::calibration::problem::{PoseData, Problem};
 use crate::calibration::result::{CalibrationResult, NotWritable};
 use crate::calibration::settings::Method;
 use crate::calibration::solve::{self, Origin};
+use crate::geometry::Camera;
 use crate::recording::{Recording, RecordingError};
 use crate::session::{End, Outcome, PoseRecord, Salvage};
 
@@ -62,6 +64,13 @@ pub struct StoredViews {
     /// How they were found.
     pub method: Method,
     seen: Seen,
+}
+
+impl StoredViews {
+    /// What a camera saw at a pose, by its index; `None` where it has no image.
+    pub fn view(&self, pose: usize, camera: Camera) -> Option<&View> {
+        self.seen.views.get(pose)?.get(&camera)
+    }
 }
 
 /// Replays and solves the recording at `path`.

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Top to bottom. A module that is missing here fails the test.
-const LAYERS: [&str; 16] = [
+const LAYERS: [&str; 17] = [
     "image",
     "geometry",
     "board",
@@ -20,6 +20,7 @@ const LAYERS: [&str; 16] = [
     "runner",
     "report",
     "daemon",
+    "study",
     "cli",
 ];
 
