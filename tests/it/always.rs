@@ -83,9 +83,11 @@ fn the_result_is_that_of_the_captures_alone() {
         let mut captures = replayed(&short);
         if wired {
             // Edges say which events belong to an exposure; only their second witness heard more.
-            for timing in [&mut result["timing"], &mut captures["timing"]] {
-                let latency_s = timing["arrival_latency_s"].take().as_f64().unwrap();
+            for of in [&mut result, &mut captures] {
+                let latency_s = of["timing"]["arrival_latency_s"].take().as_f64().unwrap();
                 assert!((0.0015..0.006).contains(&latency_s), "{latency_s}");
+                // The files differ.
+                assert!(of["provenance"]["sha256"]["recording"].take().is_string());
             }
             assert_eq!(captures, result);
             continue;
