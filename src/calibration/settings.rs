@@ -91,11 +91,11 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            method: Method::Paper,
+            method: Method::Precise,
             reject_view_above_px: 0.75,
             min_corners: 6,
             pnp: Pnp::Ippe,
-            hand_eye: HandEyeMethod::Tsai,
+            hand_eye: HandEyeMethod::Refined,
             reference_camera: None,
         }
     }

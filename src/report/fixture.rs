@@ -15,7 +15,7 @@ use crate::calibration::result::{
     CalibrationResult, CameraResult, ChecksResult, HandEyeResult, PairedBy, PoseCamera, PoseResult, Provenance,
     StereoResult, Timing,
 };
-use crate::calibration::settings::{Gates, PoseKind, Settings};
+use crate::calibration::settings::{Gates, Method, PoseKind, Settings};
 use crate::geometry::{Base, Camera, Sensor, Target, Tcp, Transform, rotation};
 
 const TRUTH_M: f64 = 0.0678;
@@ -256,7 +256,7 @@ fn provenance() -> Provenance {
         board_layout: "ChArUco of OpenCV 4.6 and later (first square black)".into(),
         board_frame: "origin at the outer top-left corner, x right, y down, z into the board".into(),
         intrinsics: "solved".into(),
-        settings: Settings::default(),
+        settings: Settings::usual(Method::Paper),
         gates: Some(Gates {
             rgb_rms_px: Some(0.3),
             event_rms_px: Some(0.6),

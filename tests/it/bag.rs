@@ -270,7 +270,21 @@ fn map_tf() -> String {
 fn import(folder: &Path, bag: &Path, map: &str) -> (std::process::Output, PathBuf) {
     let map = write(folder, "topics.yaml", map.as_bytes());
     let session = folder.join("session.mcap");
-    (cellcal(&["import", text(bag), "--map", text(&map), "-o", text(&session), "--force", "--json"]), session)
+    (
+        cellcal(&[
+            "import",
+            text(bag),
+            "--map",
+            text(&map),
+            "-o",
+            text(&session),
+            "--force",
+            "--json",
+            "--set",
+            "settings.method=paper",
+        ]),
+        session,
+    )
 }
 
 /// Both cameras, stereo and hand-eye against the truth.
@@ -319,7 +333,7 @@ fn a_bag_with_joints_and_edges_is_solved() {
     let report = json(&output);
     let stops = scene().joints.len();
     assert_eq!((report["poses"].as_u64(), report["images"].as_u64()), (Some(stops as u64), Some(2 * stops as u64)));
-    let replayed = expect(3, &["replay", text(&session), "--json"]);
+    let replayed = expect(3, &["replay", text(&session), "--json", "--set", "settings.method=paper"]);
     let result = json(&replayed);
     let (timing, exposures) = (&result["timing"], 3 * stops - 1);
     assert_eq!(
@@ -345,7 +359,7 @@ fn a_bag_with_joints_and_edges_is_solved() {
     let poses = report["poses"].as_u64().unwrap() as usize;
     assert!((stops / 2 - 1..stops).contains(&poses), "{report:#}");
     assert!(report["notices"].to_string().contains("the bag is damaged: broken off"), "{report:#}");
-    let result = json(&expect(3, &["replay", text(&session), "--json"]));
+    let result = json(&expect(3, &["replay", text(&session), "--json", "--set", "settings.method=paper"]));
     assert!(result["provenance"]["facts"]["bag_damage"].as_str().unwrap().starts_with("broken off"));
 }
 
@@ -374,7 +388,7 @@ fn a_bag_with_transforms_and_no_edges_is_solved_by_its_stamps() {
     let path = write(folder.path(), "bag.mcap", &bag(messages));
     let (output, session) = import(folder.path(), &path, &map_tf());
     assert!(output.status.success(), "{}", stderr(&output));
-    let result = json(&expect(3, &["replay", text(&session), "--json"]));
+    let result = json(&expect(3, &["replay", text(&session), "--json", "--set", "settings.method=paper"]));
     assert_eq!(result["timing"]["paired_by"], "arrival", "{:#}", result["timing"]);
     // Late by the fastest packet: 2 ms, and the end of the packet is at most 20 ms after its last event.
     let late_s = number(&result, "/timing/offset_s") + SENSOR_AHEAD_S - SENSOR_WRAP_S;
@@ -488,6 +502,6 @@ fn the_real_stream_has_its_published_counts() {
     let edge = |t_us, rising| Trigger { t_us, channel: 0, rising };
     assert_eq!(triggers, [edge(14_547_491, false), edge(14_549_491, true)]);
     // There is no board in it: the replay must end well all the same.
-    let result = json(&expect(3, &["replay", text(&session), "--json"]));
+    let result = json(&expect(3, &["replay", text(&session), "--json", "--set", "settings.method=paper"]));
     assert!(result["not_computed"]["cameras.event"].is_string(), "{result:#}");
 }

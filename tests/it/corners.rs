@@ -19,7 +19,7 @@ fn real_corners_give_the_stereo_pair_that_others_found() {
     let moved = temporary.path().join("elsewhere");
     std::fs::create_dir(&moved).unwrap();
     let session = std::fs::copy(&session, moved.join("s.mcap")).map(|_| moved.join("s.mcap")).unwrap();
-    let first = expect(3, &["replay", text(&session), "--json"]);
+    let first = expect(3, &["replay", text(&session), "--json", "--set", "settings.method=paper"]);
     let result = json(&first);
     for camera in ["rgb", "event"] {
         assert_eq!(number(&result, &format!("/cameras/{camera}/points")), 20.0 * 77.0);
@@ -46,11 +46,11 @@ fn real_corners_give_the_stereo_pair_that_others_found() {
     within("/stereo/baseline_m", 0.189_499, 5e-6);
     within("/stereo/rotation_deg", 2.581, 1e-3);
 
-    let again = expect(3, &["replay", text(&session), "--json", "--from", "views"]);
+    let again = expect(3, &["replay", text(&session), "--json", "--set", "settings.method=paper", "--from", "views"]);
     assert!(again.stdout == first.stdout, "views give another result");
     // The folder is the same data set as its file.
     let of_folder = temporary.path().join("folder.mcap");
     expect(0, &["import", text(&folder), "--image-size", "1024x576", "--name", "corners", "-o", text(&of_folder)]);
-    let of_folder = json(&expect(3, &["replay", text(&of_folder), "--json"]));
+    let of_folder = json(&expect(3, &["replay", text(&of_folder), "--json", "--set", "settings.method=paper"]));
     assert_eq!(of_folder["stereo"], result["stereo"]);
 }

@@ -13,7 +13,7 @@ fn the_real_arm_is_calibrated_as_by_others() {
     let session = temporary.path().join("abb.mcap");
     expect(0, &["import", text(&folder), "-o", text(&session)]);
     // No gates: inconclusive.
-    let first = expect(3, &["replay", text(&session), "--json"]);
+    let first = expect(3, &["replay", text(&session), "--json", "--set", "settings.method=paper"]);
     let result = json(&first);
 
     let within = |pointer: &str, reference: f64, tolerance: f64| {
@@ -38,7 +38,8 @@ fn the_real_arm_is_calibrated_as_by_others() {
     // The two solvers of `A X = Z B`: how the target scatters through their cameras, mm, by the same notes.
     for (solver, known_mm, tolerance_mm) in [("shah", 1.85, 0.3), ("li", 4.19, 1.5)] {
         let chosen = format!("settings.hand_eye={solver}");
-        let other = json(&expect(3, &["replay", text(&session), "--json", "--set", &chosen]));
+        let other =
+            json(&expect(3, &["replay", text(&session), "--json", "--set", "settings.method=paper", "--set", &chosen]));
         let found_mm = 1e3 * number(&other, "/hand_eye/scatter_rms_m");
         assert!((found_mm - known_mm).abs() <= tolerance_mm, "{solver}: {found_mm} mm, the notes say {known_mm}");
         assert_eq!(other["hand_eye"]["method"], solver);
@@ -64,10 +65,11 @@ fn the_real_arm_is_calibrated_as_by_others() {
 
     // The same bytes on any number of threads, and from the stored views.
     for threads in ["1", "2", "8"] {
-        let again = expect(3, &["replay", text(&session), "--json", "--threads", threads]);
+        let again =
+            expect(3, &["replay", text(&session), "--json", "--set", "settings.method=paper", "--threads", threads]);
         assert!(again.stdout == first.stdout, "{threads} threads give another result");
     }
-    let views = expect(3, &["replay", text(&session), "--json", "--from", "views"]);
+    let views = expect(3, &["replay", text(&session), "--json", "--set", "settings.method=paper", "--from", "views"]);
     assert!(views.stdout == first.stdout, "views give another result");
 }
 
@@ -77,7 +79,7 @@ fn with_foreign_intrinsics_the_outlier_stands_out() {
     let temporary = tempfile::tempdir().unwrap();
     let session = temporary.path().join("abb.mcap");
     expect(0, &["import", text(&folder), "-o", text(&session)]);
-    let solved = json(&expect(3, &["replay", text(&session), "--json"]));
+    let solved = json(&expect(3, &["replay", text(&session), "--json", "--set", "settings.method=paper"]));
     let result = temporary.path().join("result.json");
     // The published camera, without distortion.
     let mut known = solved;
@@ -86,11 +88,19 @@ fn with_foreign_intrinsics_the_outlier_stands_out() {
     }
     known["cameras"]["rgb"]["distortion"] = serde_json::json!([0.0, 0.0, 0.0, 0.0, 0.0]);
     std::fs::write(&result, known.to_string()).unwrap();
-    let what_if =
-        ["--intrinsics", text(&result), "--set", "settings.reject_view_above_px=50", "--set", "settings.min_corners=5"];
+    let what_if = [
+        "--intrinsics",
+        text(&result),
+        "--set",
+        "settings.method=paper",
+        "--set",
+        "settings.reject_view_above_px=50",
+        "--set",
+        "settings.min_corners=5",
+    ];
     let output = expect(3, &[&["replay", text(&session), "--json"][..], &what_if].concat());
     let with_foreign = json(&output);
-    assert!(with_foreign["overrides"].as_array().unwrap().len() == 3, "{with_foreign:#}");
+    assert!(with_foreign["overrides"].as_array().unwrap().len() == 4, "{with_foreign:#}");
     let reason = with_foreign["poses"][15]["reason"].as_str().unwrap_or_default();
     assert!(reason.contains("outlier"), "image 15 is not named: {reason}");
 }

@@ -149,7 +149,11 @@ fn carried_cameras_are_found_by_the_same_code() {
     let target = refined.solution.base_from_target.iso().translation.vector - scene.ends[0].translation.vector;
     for k in 0..3 {
         let sigmas = (refined.facts.camera.sigma.translation_m[k], refined.facts.target.sigma.translation_m[k]);
-        assert!(off[k].abs() < 4.5 * sigmas.0 && target[k].abs() < 4.5 * sigmas.1, "{off} {target} {:?}", refined.facts);
+        assert!(
+            off[k].abs() < 4.5 * sigmas.0 && target[k].abs() < 4.5 * sigmas.1,
+            "{off} {target} {:?}",
+            refined.facts
+        );
         assert!(sigmas.0 < 0.02 && sigmas.1 < 0.02, "{sigmas:?}");
     }
     assert_eq!(refined.without.len(), 20);
@@ -173,6 +177,10 @@ fn a_bad_arm_does_not_pull_at_the_cameras() {
     let cameras = adjusted.cameras(&start);
     for (camera, truth) in &scene.cameras {
         let sigma = adjusted.lens(*camera).unwrap().sigma.sigma;
-        assert!((cameras[camera].pinhole.fx - truth.fx).abs() < 4.5 * sigma.fx, "{:?} {sigma:?}", cameras[camera].pinhole);
+        assert!(
+            (cameras[camera].pinhole.fx - truth.fx).abs() < 4.5 * sigma.fx,
+            "{:?} {sigma:?}",
+            cameras[camera].pinhole
+        );
     }
 }
