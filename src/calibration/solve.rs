@@ -104,7 +104,9 @@ fn first_solve(problem: &Problem, camera: Camera, setup: &CameraSetup) -> Result
     match problem.settings.method {
         Method::Paper => within_limit,
         // The adjustment judges the views by itself.
-        Method::Precise => within_limit.or_else(|_| cameras::solve_camera_within(problem, camera, setup, f64::INFINITY)),
+        Method::Precise => {
+            within_limit.or_else(|_| cameras::solve_camera_within(problem, camera, setup, f64::INFINITY))
+        }
     }
 }
 
@@ -136,7 +138,10 @@ impl Adjustment {
 
     fn warnings(&self) -> Vec<String> {
         let mut all: Vec<String> = self.all.iter().flat_map(|a| a.warnings.clone()).collect();
-        let failed = [self.to_hand.as_ref().and_then(|r| r.as_ref().err()), self.in_hand.as_ref().and_then(|r| r.as_ref().err())];
+        let failed = [
+            self.to_hand.as_ref().and_then(|r| r.as_ref().err()),
+            self.in_hand.as_ref().and_then(|r| r.as_ref().err()),
+        ];
         all.extend(failed.into_iter().flatten().map(|why| format!("hand-eye: not refined: {why}")));
         all
     }
@@ -218,10 +223,11 @@ impl Arm {
         }
         let (to_hand, in_hand) = (adjustment.to_hand.take(), adjustment.in_hand.take());
         let adjusted = adjustment.all.as_ref().map(|a| (a, camera));
-        let (pairs, missing) = adjustment.all.as_ref().and_then(|a| a.pairs(problem, camera)).map_or_else(
-            || arm::pairs(problem, camera, solved),
-            |pairs| (pairs, BTreeMap::new()),
-        );
+        let (pairs, missing) = adjustment
+            .all
+            .as_ref()
+            .and_then(|a| a.pairs(problem, camera))
+            .map_or_else(|| arm::pairs(problem, camera, solved), |pairs| (pairs, BTreeMap::new()));
         let solution = match problem.carried {
             Carried::Target => arm::solve::<EyeToHand>(problem, &pairs)
                 .map(|s| with_refined(s, to_hand))
@@ -239,7 +245,8 @@ impl Arm {
                 not_computed.insert("hand_eye".into(), why);
                 // In a carried camera the board's own motion says nothing about distances in `base`.
                 let carried = problem.carried == Carried::Target;
-                let base_distance = if carried { verify::distances_only(problem, adjusted.as_ref(), &pairs) } else { None };
+                let base_distance =
+                    if carried { verify::distances_only(problem, adjusted.as_ref(), &pairs) } else { None };
                 let checks = ChecksResult { base_distance, ..ChecksResult::default() };
                 Self { checks, rejected: missing, ..Self::default() }
             }
@@ -338,12 +345,7 @@ fn hand_eye_result<S: Solution>(
     }
 }
 
-fn camera_result(
-    problem: &Problem,
-    adjustment: &Adjustment,
-    camera: Camera,
-    solved: &SolvedCamera,
-) -> CameraResult {
+fn camera_result(problem: &Problem, adjustment: &Adjustment, camera: Camera, solved: &SolvedCamera) -> CameraResult {
     let CameraSetup { serial, lens, .. } = problem.cameras[&camera].clone();
     let p = solved.pinhole;
     CameraResult {

@@ -3,9 +3,7 @@
 use nalgebra::Vector6;
 
 use super::data::PoseSights;
-use super::normal::{
-    self, Factor, HUBER_SIGMA, JointCovariance, PoseNormal, Reduced, Weights, add_prior, pose_normal,
-};
+use super::normal::{self, Factor, HUBER_SIGMA, JointCovariance, PoseNormal, Reduced, Weights, add_prior, pose_normal};
 use super::robot;
 use super::state::{Active, SharedMatrix, SharedVector, State, moved};
 

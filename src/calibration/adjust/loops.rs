@@ -81,7 +81,8 @@ pub(super) fn refine<S: Ends>(rig: &mut Rig, problem: &Problem, reference: Camer
     let camera = camera_place::<S>(rig, place);
     let solution = solution_of::<S>(&rig.fit.state, place);
     let pairs = rig.pairs(problem, reference);
-    let used: Vec<(usize, Pair)> = tied_indices(rig).into_iter().filter_map(|(_, i)| Some((i, *pairs.get(&i)?))).collect();
+    let used: Vec<(usize, Pair)> =
+        tied_indices(rig).into_iter().filter_map(|(_, i)| Some((i, *pairs.get(&i)?))).collect();
     let only: Vec<Pair> = used.iter().map(|u| u.1).collect();
     let residuals = used.iter().map(|u| u.0).zip(hand_eye::residuals(&solution, &only)).collect();
     let without = without::<S>(rig, place);
@@ -127,9 +128,8 @@ fn leave_out_wrong(fit: &mut Fit) -> Result<BTreeMap<usize, String>, String> {
 fn worst(fit: &Fit) -> Option<(usize, String)> {
     let ties = fit.weights.ties?;
     let tied = fit.sights.iter().enumerate().filter(|(_, s)| s.tied);
-    let off: Vec<(usize, [f64; 2])> = tied
-        .filter_map(|(at, s)| Some((at, robot::lengths(&robot::error(&fit.state, at, s, ties.kind)?))))
-        .collect();
+    let off: Vec<(usize, [f64; 2])> =
+        tied.filter_map(|(at, s)| Some((at, robot::lengths(&robot::error(&fit.state, at, s, ties.kind)?)))).collect();
     let median = |k: usize| {
         let mut sorted: Vec<f64> = off.iter().map(|(_, l)| l[k]).collect();
         sorted.sort_by(f64::total_cmp);
@@ -231,8 +231,7 @@ fn tied_indices(rig: &Rig) -> Vec<(usize, usize)> {
 
 fn solution_of<S: Ends>(state: &State, place: usize) -> S {
     let camera_from_rig = if place == 0 { Isometry3::identity() } else { state.second_from_first };
-    let (end_from_rig, target) =
-        if S::CARRIES_CAMERAS { (state.right, state.left) } else { (state.left, state.right) };
+    let (end_from_rig, target) = if S::CARRIES_CAMERAS { (state.right, state.left) } else { (state.left, state.right) };
     S::of_ends(end_from_rig * camera_from_rig.inverse(), target)
 }
 
@@ -250,15 +249,20 @@ fn without<S: Ends>(rig: &Rig, place: usize) -> BTreeMap<usize, S> {
     tied_indices(rig).into_iter().filter_map(one).collect()
 }
 
-fn facts(rig: &Rig, problem: &Problem, camera: &CameraPlace, pairs: &BTreeMap<usize, Pair>, tie: (RobotTie, f64)) -> LoopFacts {
+fn facts(
+    rig: &Rig,
+    problem: &Problem,
+    camera: &CameraPlace,
+    pairs: &BTreeMap<usize, Pair>,
+    tie: (RobotTie, f64),
+) -> LoopFacts {
     let ties = rig.fit.weights.ties.unwrap_or(Ties { kind: Loop::Target, sigma_m: 0.0, sigma_rad: 0.0 });
     let (target, at) = match ties.kind {
         Loop::Target => (&rig.fit.state.right, RIGHT.start),
         Loop::Cameras => (&rig.fit.state.left, LEFT.start),
     };
-    let target_sigma = |c: &SharedMatrix| {
-        PlaceSigma::of_step(&c.fixed_view::<6, 6>(at, at).into_owned(), &target.translation.vector)
-    };
+    let target_sigma =
+        |c: &SharedMatrix| PlaceSigma::of_step(&c.fixed_view::<6, 6>(at, at).into_owned(), &target.translation.vector);
     let corners = box_of(problem, &camera.place, pairs);
     LoopFacts {
         robot_tie: tie.0,

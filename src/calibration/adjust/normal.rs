@@ -7,7 +7,9 @@ use super::lens::{self, LENS};
 use super::robot::{self, Ties};
 use super::se3;
 use super::shape::TERMS;
-use super::state::{Active, LEFT, LENSES, RIGHT, SECOND, SHAPE, SHARED, SharedMatrix, SharedVector, State, shape_prior};
+use super::state::{
+    Active, LEFT, LENSES, RIGHT, SECOND, SHAPE, SHARED, SharedMatrix, SharedVector, State, shape_prior,
+};
 
 /// Beyond this many sigma a corner pulls no harder (Huber).
 pub(super) const HUBER_SIGMA: f64 = 2.5;
@@ -114,7 +116,13 @@ pub(super) fn cost(state: &State, sights: &[PoseSights], weights: &Weights, acti
 }
 
 /// Error over its sigma, and the derivatives of the position in px; `None` behind the camera.
-fn slopes(state: &State, pose: &Isometry3<f64>, turn: &nalgebra::Matrix3<f64>, camera: usize, sight: &Sight) -> Option<(Vector2<f64>, Slopes)> {
+fn slopes(
+    state: &State,
+    pose: &Isometry3<f64>,
+    turn: &nalgebra::Matrix3<f64>,
+    camera: usize,
+    sight: &Sight,
+) -> Option<(Vector2<f64>, Slopes)> {
     let in_rig = pose.rotation * sight.on_shape(&state.shape_m) + pose.translation.vector;
     let second = &state.second_from_first;
     let in_camera = if camera == 0 { in_rig } else { second.rotation * in_rig + second.translation.vector };

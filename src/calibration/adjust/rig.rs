@@ -126,8 +126,16 @@ impl Rig {
 
     pub(super) fn stereo(&self, problem: &Problem) -> Option<(SolvedStereo, Uncertain<PlaceSigma>)> {
         let both = self.cameras.len() == 2;
-        let shared: Vec<usize> = self.fit.sights.iter().enumerate().filter(|(_, s)| s.views.iter().all(|v| !v.is_empty())).map(|(at, _)| at).collect();
-        let errors: Vec<f64> = shared.iter().flat_map(|at| (0..2).flat_map(|place| self.squared_px2(*at, place))).collect();
+        let shared: Vec<usize> = self
+            .fit
+            .sights
+            .iter()
+            .enumerate()
+            .filter(|(_, s)| s.views.iter().all(|v| !v.is_empty()))
+            .map(|(at, _)| at)
+            .collect();
+        let errors: Vec<f64> =
+            shared.iter().flat_map(|at| (0..2).flat_map(|place| self.squared_px2(*at, place))).collect();
         let rms_px = (errors.iter().sum::<f64>() / errors.len() as f64).sqrt();
         let (corner_rate, pairs) = cameras::pair_corner_rate(problem)?;
         let stereo = SolvedStereo {

@@ -87,7 +87,14 @@ pub(super) fn slopes(state: &State, at: usize, sights: &PoseSights, kind: Loop) 
 }
 
 /// Adds the robot's pose to the normal equations of its pose.
-pub(super) fn add(normal: &mut PoseNormal, state: &State, at: usize, sights: &PoseSights, ties: &Ties, active: &Active) {
+pub(super) fn add(
+    normal: &mut PoseNormal,
+    state: &State,
+    at: usize,
+    sights: &PoseSights,
+    ties: &Ties,
+    active: &Active,
+) {
     let Some(slopes) = slopes(state, at, sights, ties.kind).filter(|_| sights.tied) else { return };
     let weights = Matrix6::from_diagonal(&Vector6::from(ties.weights()));
     for (i, by_end) in slopes.ends.iter().enumerate() {

@@ -114,7 +114,15 @@ mod tests {
             let (v, w) = halves(&step);
             let n = 200;
             let at = |k: usize| rotation_exp(&(w * (k as f64 / n as f64))) * v;
-            let weight = |k: usize| if k == 0 || k == n { 1.0 } else if k % 2 == 1 { 4.0 } else { 2.0 };
+            let weight = |k: usize| {
+                if k == 0 || k == n {
+                    1.0
+                } else if k % 2 == 1 {
+                    4.0
+                } else {
+                    2.0
+                }
+            };
             let sum: Vector3<f64> = (0..=n).map(|k| at(k) * weight(k)).sum();
             let integral = sum / (3.0 * n as f64);
             assert!((exp(&step).translation.vector - integral).norm() < 1e-9, "{step}");

@@ -115,8 +115,7 @@ fn best_pose(state: &State, sights: &PoseSights, candidates: &[(usize, Isometry3
     let weights = Weights { scale: [LOOSE; 2], ties: None };
     let mut best = (f64::INFINITY, Isometry3::identity());
     for (camera, camera_from_target) in candidates {
-        let rig_from_camera =
-            if *camera == 0 { Isometry3::identity() } else { state.second_from_first.inverse() };
+        let rig_from_camera = if *camera == 0 { Isometry3::identity() } else { state.second_from_first.inverse() };
         let pose = rig_from_camera * camera_from_target;
         let trial = super::pose::alone(state, pose);
         let cost = normal::pose_cost(&trial, 0, sights, &weights);

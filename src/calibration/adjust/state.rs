@@ -59,8 +59,7 @@ impl State {
             lens.iter_mut().zip(&step.as_slice()[range]).for_each(|(l, d)| *l += d);
         }
         self.shape_m.iter_mut().zip(&step.as_slice()[SHAPE]).for_each(|(z, d)| *z += d);
-        for (motion, range) in
-            [(&mut self.second_from_first, SECOND), (&mut self.left, LEFT), (&mut self.right, RIGHT)]
+        for (motion, range) in [(&mut self.second_from_first, SECOND), (&mut self.left, LEFT), (&mut self.right, RIGHT)]
         {
             *motion = moved(motion, &six(step, range));
         }

@@ -98,7 +98,10 @@ fn one_step_without_a_pose_is_nearly_a_true_solve() {
                 let i = LENSES[camera].start + k;
                 let sigma = arrived.covariance[(i, i)].sqrt();
                 let off = one_step.lenses[camera][k] - other.state.lenses[camera][k];
-                assert!(off.abs() < 0.1 * sigma, "pose {at}, camera {camera}, {k}: {off}, sigma {sigma}, {true_change}");
+                assert!(
+                    off.abs() < 0.1 * sigma,
+                    "pose {at}, camera {camera}, {k}: {off}, sigma {sigma}, {true_change}"
+                );
             }
         }
         let sigma = (0..3).map(|k| arrived.covariance[(LEFT.start + k, LEFT.start + k)].sqrt()).fold(0.0, f64::max);

@@ -156,7 +156,8 @@ impl Scene {
     pub(super) fn start(&self, problem: &Problem) -> BTreeMap<Camera, SolvedCamera> {
         let off = |(camera, p): (&Camera, &Pinhole)| {
             let distortion = [-0.15, 0.0, 0.0, 0.0, 0.0];
-            let pinhole = Pinhole { fx: p.fx * 1.004, fy: p.fy * 1.003, cx: p.cx + 8.0, cy: p.cy - 5.0, distortion, ..*p };
+            let pinhole =
+                Pinhole { fx: p.fx * 1.004, fy: p.fy * 1.003, cx: p.cx + 8.0, cy: p.cy - 5.0, distortion, ..*p };
             let fit = ViewFit { rms_px: None, rejected: None, note: None };
             let views = (0..problem.poses.len()).map(|i| (i, fit.clone())).collect();
             (*camera, SolvedCamera { pinhole, rms_px: 1.0, points: 0, views })
