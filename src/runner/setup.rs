@@ -361,6 +361,8 @@ impl Setup {
         match key.split_once('.') {
             Some(("settings", field)) => {
                 let settings: Settings = patched(&self.settings, field, value).map_err(fail)?;
+                // Another method brings its own solver; a later override may choose another.
+                let settings = if field == "method" { settings.with_own_solver() } else { settings };
                 settings.check().map_err(fail)?;
                 self.settings = settings;
             }
