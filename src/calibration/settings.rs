@@ -111,6 +111,16 @@ impl Settings {
         Self { method, hand_eye, ..Self::default() }
     }
 
+    /// The same with the usual solver for hand-eye, where that of the other method was usual.
+    pub fn with_own_solver(self) -> Self {
+        let hand_eye = match (self.method, self.hand_eye) {
+            (Method::Precise, HandEyeMethod::Tsai) => HandEyeMethod::Refined,
+            (Method::Paper, HandEyeMethod::Refined) => HandEyeMethod::Tsai,
+            (Method::Precise | Method::Paper, chosen) => chosen,
+        };
+        Self { hand_eye, ..self }
+    }
+
     /// Whether the solver for hand-eye goes with the method.
     pub fn check_method(&self) -> Result<(), String> {
         let fits = (self.method, self.hand_eye) != (Method::Paper, HandEyeMethod::Refined);

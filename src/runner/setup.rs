@@ -363,10 +363,9 @@ impl Setup {
         let value = serde_json::from_str(value).unwrap_or_else(|_| serde_json::Value::String(value.into()));
         match key.split_once('.') {
             Some(("settings", field)) => {
-                let mut settings: Settings = patched(&self.settings, field, value).map_err(fail)?;
-                if field == "method" && settings.check_method().is_err() {
-                    settings.hand_eye = Settings::usual(settings.method).hand_eye;
-                }
+                let settings: Settings = patched(&self.settings, field, value).map_err(fail)?;
+                // Another method brings its own solver; a later override may choose another.
+                let settings = if field == "method" { settings.with_own_solver() } else { settings };
                 settings.check().map_err(fail)?;
                 self.settings = settings;
             }

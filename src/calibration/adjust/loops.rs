@@ -197,7 +197,7 @@ fn after_cameras(rig: &mut Rig, mut fixed: Fit, all: super::state::Active) -> Re
     let mut arrived = fixed.arrived()?;
     let own_steps = leave_one_out::steps(&arrived, &loop_only);
     fixed.active = all;
-    let full = fixed.arrived().map_or_else(|_| None, Some).ok_or("cameras and loop do not hang together")?;
+    let full = fixed.arrived().ok().ok_or("cameras and loop do not hang together")?;
     let gain = gain(&full.matrix, &arrived.covariance);
     arrived.covariance += gain * rig.arrived.covariance * gain.transpose();
     let mixed = gain * rig.arrived.covariance;

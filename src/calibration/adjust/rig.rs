@@ -92,6 +92,9 @@ impl Rig {
             let rms_px = before.views.get(index).and_then(|v| v.rms_px);
             views.insert(*index, ViewFit { rms_px, rejected: Some(why.clone()), note: None });
         }
+        if points == 0 {
+            return before.clone();
+        }
         let pinhole = lens::to_pinhole(&self.fit.state.lenses[place], &self.pinholes[place]);
         SolvedCamera { pinhole, rms_px: (sum / points as f64).sqrt(), points, views }
     }
@@ -149,7 +152,7 @@ impl Rig {
             let step = c.fixed_view::<6, 6>(SECOND.start, SECOND.start).into_owned();
             PlaceSigma::of_step(&step, &self.fit.state.second_from_first.translation.vector)
         });
-        both.then_some((stereo, sigma))
+        (both && rms_px.is_finite()).then_some((stereo, sigma))
     }
 
     pub(super) fn display_shape(&self) -> DisplayShape {

@@ -1,9 +1,10 @@
 //! The cameras and the stereo pair.
 
 use super::super::document::{Block, Section, Table, Tone};
-use super::super::numbers::{count, fixed, mm, percent, px, rotation_deg, translation_mm};
+use super::super::numbers::{count, deg, fixed, mm, percent, px, rotation_deg, translation_mm};
 use super::gates::{self, Gated};
 use super::{fact, why};
+use crate::calibration::adjust::DisplayShape;
 use crate::calibration::result::{CalibrationResult, CameraResult, StereoResult};
 use crate::geometry::Camera;
 
@@ -19,7 +20,9 @@ pub(super) fn cameras(result: &CalibrationResult) -> Section {
     }
     let mut blocks = vec![Block::Table(table(result))];
     blocks.extend(missing.into_iter().map(Block::Absent));
-    blocks.push(Block::Facts(vec![fact("intrinsics", result.provenance.intrinsics.clone())]));
+    let mut facts = vec![fact("intrinsics", result.provenance.intrinsics.clone())];
+    facts.extend(result.display_shape.as_ref().map(|s| fact("display", shape(s))));
+    blocks.push(Block::Facts(facts));
     blocks.push(Block::Note(
         "The rms is the root of the mean squared distance over all points of the views used, after views above \
          the limit were rejected. It says how well the model fits these corners; it does not see what all views share, \
@@ -27,6 +30,15 @@ pub(super) fn cameras(result: &CalibrationResult) -> Section {
             .into(),
     ));
     Section::new("Cameras", blocks)
+}
+
+/// The shape of the display in words.
+fn shape(shape: &DisplayShape) -> String {
+    let term = |((name, size), sigma): ((&String, &f64), &f64)| {
+        format!("{name} {} ± {} um", fixed(size * 1e6, 0), fixed(sigma * 1e6, 0))
+    };
+    let terms: Vec<_> = shape.terms.iter().zip(&shape.terms_m).zip(&shape.sigma_m.sigma).map(term).collect();
+    if terms.is_empty() { shape.model.clone() } else { format!("{}: {}", shape.model, terms.join(", ")) }
 }
 
 /// Many reasons start with the camera's name already.
@@ -50,6 +62,13 @@ fn table(result: &CalibrationResult) -> Table {
         format!("{k1}, {k2}, {k3}")
     });
     row("p1, p2", &|_, c| format!("{}, {}", fixed(c.distortion[2], 5), fixed(c.distortion[3], 5)));
+    if cameras.iter().any(|(_, c)| c.adjusted.is_some()) {
+        row("terms solved", &|_, c| c.adjusted.as_ref().map_or_else(|| "-".into(), |a| a.distortion_model.clone()));
+        row("± sigma fx, cx, px", &|_, c| {
+            let sigma = c.adjusted.as_ref().map(|a| &a.sigma.sigma);
+            sigma.map_or_else(|| "-".into(), |s| format!("± {}, {}", fixed(s.fx, 2), fixed(s.cx, 2)))
+        });
+    }
     row("rms, px", &|_, c| px(c.rms_px));
     row("rms over", &|_, c| format!("{} in {}", count(c.points, "point"), count(c.views_used, "view")));
     row("views rejected", &|_, c| {
@@ -83,7 +102,13 @@ pub(super) fn stereo(result: &CalibrationResult) -> Section {
     let mut table = Table::new(&["<event_from_rgb", "x", "y", "z"]);
     let titled = |title: &str, values: [String; 3]| std::iter::once(title.to_owned()).chain(values);
     table.row(titled("translation, mm", translation_mm(&stereo.event_from_rgb)));
+    if let Some(sigma) = &stereo.sigma {
+        table.row(titled("± sigma, mm", sigma.sigma.translation_m.map(|s| format!("± {}", mm(s)))));
+    }
     table.row(titled("rotation vector, deg", rotation_deg(&stereo.event_from_rgb)));
+    if let Some(sigma) = &stereo.sigma {
+        table.row(titled("± sigma, deg", sigma.sigma.rotation_rad.map(|s| format!("± {}", deg(s)))));
+    }
     let mut blocks = vec![Block::Facts(stereo_facts(result, stereo)), Block::Table(table)];
     if stereo.taken_over {
         let text = "Translation and rotation were taken over from an earlier result.";

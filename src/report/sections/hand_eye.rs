@@ -4,6 +4,7 @@ use super::super::document::{Block, Plot, Section, Table, Tone};
 use super::super::numbers::{count, deg, fixed, mm, rotation_deg, signed_mm, translation_mm};
 use super::gates::{self, Gated};
 use super::{fact, why};
+use crate::calibration::adjust::{LoopFacts, RobotTie};
 use crate::calibration::hand_eye::{HandEyeMethod, Uncertainty};
 use crate::calibration::observability::{Axis, MAX_CONDITION, MIN_ROTATION_RAD, MIN_SECOND_EIGENVALUE, Observability};
 use crate::calibration::result::{CalibrationResult, HandEyeResult};
@@ -78,11 +79,28 @@ fn facts(result: &CalibrationResult, hand_eye: &HandEyeResult) -> Vec<(String, S
             format!("rms {} mm over {poses}, {rejected} of {wanted} rejected", mm(hand_eye.scatter_rms_m)),
         ),
     ];
+    facts.extend(hand_eye.refined.iter().flat_map(refined));
     match &hand_eye.uncertainty {
         Some(uncertainty) => facts.extend(influence(uncertainty)),
         None => facts.push(fact("uncertainty", "absent: everything hangs on one pose, so it cannot be told")),
     }
     facts
+}
+
+/// What the adjustment says about the arm and about points that the camera sees.
+fn refined(found: &LoopFacts) -> Vec<(String, String)> {
+    let tie = match found.robot_tie {
+        RobotTie::Joint => "solved together with the cameras",
+        RobotTie::AfterCameras => "solved after the cameras, which the arm would have pulled away",
+    };
+    let noise =
+        format!("{} mm, {} deg along and about each axis; {tie}", mm(found.robot_sigma_m), deg(found.robot_sigma_rad));
+    let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+    let point = largest(&mut found.points.iter().map(|p| p.error_95_m));
+    let image = largest(&mut found.image.iter().map(|p| p.error_95_px));
+    let reach =
+        format!("a point {} mm, its image {} px, at the worst corner of the space seen", mm(point), fixed(image, 2));
+    vec![fact("noise of the arm", noise), fact("error, 95 %", reach)]
 }
 
 fn influence(uncertainty: &Uncertainty) -> Vec<(String, String)> {

@@ -42,6 +42,8 @@ const FRAME_STEP: f64 = 6.0;
 const EVENT_STEP: f64 = 0.2;
 /// A pixel that answered so much less than the board does is noise.
 const ANSWERED: f32 = 0.4;
+/// A board that is worth a look covers at least one in so many pixels.
+const BOARD_SHARE: usize = 200;
 /// A marker farther from the plane of all, squares, is a false one: lenses bend large boards by less.
 const OFF_PLANE_SQUARES: f64 = 0.15;
 /// Points so near share what the plane leaves over, squares.
@@ -63,9 +65,10 @@ pub fn event_view(board: &Board, answered: &FloatImage) -> Result<View, CvError>
 
 /// Black where a pixel answered at least two fifths of what the board answers.
 fn dark(answered: &FloatImage) -> GrayImage {
-    let mut values: Vec<f32> = answered.values.iter().copied().filter(|v| *v > 0.0).collect();
-    values.sort_by(f32::total_cmp);
-    let usual = values.get(values.len() * 9 / 10).copied().unwrap_or(0.0);
+    let mut values = answered.values.clone();
+    // So many pixels answer more often than hot ones are many.
+    let rank = values.len() / BOARD_SHARE;
+    let usual = if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(rank, |a, b| b.total_cmp(a)).1 };
     let limit = (ANSWERED * usual).max(f32::MIN_POSITIVE);
     let pixels = answered.values.iter().map(|v| if *v >= limit { 0 } else { 255 }).collect();
     GrayImage { width: answered.width, height: answered.height, pixels }

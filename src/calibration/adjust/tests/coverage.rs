@@ -46,7 +46,7 @@ fn the_truth_lies_within_the_stated_interval_in_95_of_100() {
     let within = |which: usize, k: usize| runs.iter().filter(|r| r[k][which].abs() < 1.96).count() as f64;
     let share = |which: usize| (0..numbers).map(|k| within(which, k)).sum::<f64>() / (numbers as f64 * RUNS as f64);
     let each: Vec<f64> = (0..numbers).map(|k| within(1, k) / RUNS as f64).collect();
-    println!("within 1.96 sigma: formal {:.3}, larger of both {:.3}, each {each:?}", share(0), share(1));
+    eprintln!("within 1.96 sigma: formal {:.3}, larger of both {:.3}, each {each:?}", share(0), share(1));
     assert!((0.91..=0.98).contains(&share(1)), "{each:?}");
     // A single number of 200 runs: four standard errors of 0.0154.
     assert!(each.iter().all(|c| *c > 0.95 - 4.0 * 0.0154), "{each:?}");

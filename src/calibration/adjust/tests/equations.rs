@@ -93,9 +93,9 @@ fn one_step_without_a_pose_is_nearly_a_true_solve() {
         other.go().unwrap();
         let one_step = leave_one_out::state_without(&fit, &steps[at].unwrap());
         let true_change = other.state.lenses[0][0] - fit.state.lenses[0][0];
-        for camera in 0..2 {
+        for (camera, lens) in LENSES.iter().enumerate() {
             for k in 0..4 {
-                let i = LENSES[camera].start + k;
+                let i = lens.start + k;
                 let sigma = arrived.covariance[(i, i)].sqrt();
                 let off = one_step.lenses[camera][k] - other.state.lenses[camera][k];
                 assert!(

@@ -7,7 +7,9 @@ mod scene;
 use super::robot;
 use super::{Adjusted, RobotTie, adjust};
 use crate::calibration::hand_eye::{EyeInHand, EyeToHand};
-use crate::calibration::settings::Carried;
+use crate::calibration::result::CalibrationResult;
+use crate::calibration::settings::{Carried, HandEyeMethod, Method, Settings};
+use crate::calibration::solve::{Origin, solve};
 use crate::geometry::{Camera, rotation};
 use scene::Scene;
 
@@ -37,6 +39,36 @@ fn without_noise_everything_is_found_exactly() {
     close(refined.solution.tcp_from_target.iso(), &scene.ends[1], 1e-7, 1e-7);
     let shape = adjusted.shape(None).unwrap();
     assert!((shape.terms_m[0] - 40e-6).abs() < 1e-9, "{shape:?}");
+}
+
+/// The whole solve, from views to bytes: refined where it can be, and the same on any number of threads.
+#[test]
+fn a_solve_by_the_precise_method_gives_the_same_bytes_on_any_number_of_threads() {
+    let scene = Scene { poses: [10, 8], ..Scene::paper() };
+    let (problem, _) = scene.problem(2);
+    let text = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| solve(&problem, Origin::default()).to_json().unwrap())
+    };
+    let first = text(1);
+    let result: CalibrationResult = serde_json::from_str(&first).unwrap();
+    let hand_eye = result.hand_eye.unwrap();
+    assert!(hand_eye.method == HandEyeMethod::Refined && hand_eye.refined.is_some(), "{hand_eye:?}");
+    assert!(hand_eye.panel.contains_key(&HandEyeMethod::Tsai) && hand_eye.uncertainty.is_some(), "{hand_eye:?}");
+    assert!(result.cameras.values().all(|c| c.adjusted.is_some()) && result.stereo.unwrap().sigma.is_some());
+    assert!(result.uncertainty.len() == 1 && result.warnings.is_empty(), "{:?}", result.warnings);
+    assert!(first == text(2) && first == text(8));
+}
+
+#[test]
+fn the_paper_method_adds_nothing() {
+    let (mut problem, _) = Scene { poses: [10, 8], ..Scene::paper() }.problem(2);
+    problem.settings = Settings::usual(Method::Paper);
+    let text = solve(&problem, Origin::default()).to_json().unwrap();
+    assert!(
+        ["adjusted", "refined", "display_shape", "uncertainty\": ["].iter().all(|key| !text.contains(key)),
+        "{text}"
+    );
 }
 
 fn adjusted(scene: &Scene, seed: u64) -> Adjusted {
