@@ -19,7 +19,7 @@ const ROBOT_SIGMA: [f64; 2] = [0.1e-3, 0.2e-3];
 /// Places are nominal: what is to be seen keeps this share of the image width from its border.
 const BORDER: f64 = 0.005;
 /// Share of the corners below which a view is not counted on: the rest of a board at the border is easily lost.
-const FEW: f64 = 0.5;
+const FEW: f64 = 1.0 / 3.0;
 /// A corner is found where its four squares are in the image: their markers are what it is found by.
 const SQUARES_AROUND: [[f64; 2]; 4] = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
 
