@@ -386,7 +386,7 @@ fn segments_keep_line_and_column_of_their_keys() {
     trajectory_says(
         "rows: 2",
         "rows: 2\n    count: 3",
-        "t.yaml:11:5: unknown key `count` in `segments[1]` (known: move, camera, view, columns, rows, step_mm)",
+        "t.yaml:11:5: unknown key `count` in `segments[1]` (known: move, purpose, camera, view, columns, rows, step_mm)",
     );
     trajectory_says(
         "- pattern: grid\n    move: linear",

@@ -35,13 +35,18 @@ fn the_real_arm_is_calibrated_as_by_others() {
         let off_m = (found - known).norm();
         assert!(off_m < 0.002, "{solver}: {found:?} is {off_m} m from the notes");
     }
-    // The two solvers of `A X = Z B`: how the target scatters through their cameras, mm, by the same notes.
-    for (solver, known_mm, tolerance_mm) in [("shah", 1.85, 0.3), ("li", 4.19, 1.5)] {
+    // The two solvers of `A X = Z B`: how the target scatters through their cameras, by the same notes 1.85 and 4.19 mm
+    // where Tsai's has 1.93 mm. Their images and corners are not quite ours, whose scatter is smaller, so ratios compare.
+    let tsai_m = number(&result, "/hand_eye/scatter_rms_m");
+    for (solver, known, tolerance) in [("shah", 1.85 / 1.93, 0.1), ("li", 4.19 / 1.93, 0.5)] {
         let chosen = format!("settings.hand_eye={solver}");
         let other =
             json(&expect(3, &["replay", text(&session), "--json", "--set", "settings.method=paper", "--set", &chosen]));
-        let found_mm = 1e3 * number(&other, "/hand_eye/scatter_rms_m");
-        assert!((found_mm - known_mm).abs() <= tolerance_mm, "{solver}: {found_mm} mm, the notes say {known_mm}");
+        let found = number(&other, "/hand_eye/scatter_rms_m") / tsai_m;
+        assert!(
+            (found - known).abs() <= tolerance,
+            "{solver}: {found} times the scatter of tsai, in the notes {known}"
+        );
         assert_eq!(other["hand_eye"]["method"], solver);
     }
     // Li's answer is in the panel, and does not widen its spread.

@@ -6,7 +6,7 @@
 //! 0 or at 180 deg, and no turn of the camera frame is needed.
 //!
 //! Li's rotations are free matrices while the translations are solved with them, and these are not solved
-//! again: with noise it is clearly worse than the others (scatter of 4.2 mm against 1.9 mm on a real arm).
+//! again: with noise it is clearly worse than the others (twice the scatter of the others on a real arm).
 
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 

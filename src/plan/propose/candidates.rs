@@ -28,6 +28,8 @@ const MAX_ROLL_RAD: f64 = 95.0 * std::f64::consts::PI / 180.0;
 const NEAR_HOME_RAD: f64 = 1.8;
 /// Share of the corners that at least one camera must find.
 const MIN_SHARE: f64 = 0.6;
+/// Share of the corners that the reference camera must find at both stops of a pair.
+const PAIR_SHARE: f64 = 0.75;
 /// Length of the displacement of a pair, m: shorter ones are lost in the noise, longer ones leave the view.
 const PAIR_M: [f64; 2] = [0.03, 0.06];
 
@@ -136,7 +138,7 @@ impl Draw<'_> {
         Some(Item { view, first, second: None, information: sight.information, missed, for_arm })
     }
 
-    /// Both stops see the whole board with every camera: the check compares positions, not what is left of a board.
+    /// The reference camera sees nearly the whole board at both stops: the check compares positions through it.
     fn pair(&self, view: BoardView, displacement_mm: Vector3<f64>) -> Option<Item> {
         let first = self.stand(&view)?;
         let in_base = self.base_from_reference(&first) * displacement_mm;
@@ -149,8 +151,10 @@ impl Draw<'_> {
         let second = Stand { joints_rad: leg.joints_rad, base_from_tcp: leg.base_from_tcp };
         let fits = self.looked_at_well(&second.base_from_tcp) && self.near_home(&second.joints_rad);
         let sights = [&first, &second].map(|stand| self.model.sight(stand.base_from_tcp, false));
-        let whole = sights.iter().all(|sight| self.missed(sight).iter().all(|share| *share == 0.0));
-        let missed = vec![0.0; self.model.nominal.cameras.len()];
+        let misses = sights.each_ref().map(|sight| self.missed(sight));
+        let reference = self.model.nominal.cameras.iter().position(|(c, _)| *c == self.model.nominal.reference)?;
+        let whole = misses.iter().all(|missed| missed[reference] <= 1.0 - PAIR_SHARE);
+        let missed = misses[0].iter().zip(&misses[1]).map(|(a, b)| a + b).collect();
         let [a, b] = sights.map(|sight| sight.information);
         let second = Some((second, displacement_m, leg.duration_s));
         (fits && whole).then(|| Item { view, first, second, information: a + b, missed, for_arm: false })

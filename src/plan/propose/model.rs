@@ -16,6 +16,10 @@ const EVENT_SIGMA_PX: f64 = 0.1;
 /// How well the robot says where its TCP is, standard deviation along each axis, m and rad. A UR5e repeats to 0.03 mm;
 /// its calibrated kinematics is a few times worse over a workspace.
 const ROBOT_SIGMA: [f64; 2] = [0.1e-3, 0.2e-3];
+/// Places are nominal: what is to be seen keeps this share of the image width from its border.
+const BORDER: f64 = 0.005;
+/// Share of the corners below which a view is not counted on: the rest of a board at the border is easily lost.
+const FEW: f64 = 1.0 / 3.0;
 /// A corner is found where its four squares are in the image: their markers are what it is found by.
 const SQUARES_AROUND: [[f64; 2]; 4] = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
 
@@ -135,7 +139,8 @@ impl Model {
         let unknowns = unknowns(&nominal);
         let moved = unknowns.iter().map(|(u, sigma)| [-1.0, 1.0].map(|side| nominal.moved(*u, side * SHARE * sigma)));
         let (board, min_corners) = (cell.board.clone(), cell.settings.min_corners);
-        let corners = (0..).map_while(|id| board.corner(id)).collect();
+        let corners: Vec<_> = (0..).map_while(|id| board.corner(id)).collect();
+        let min_corners = min_corners.max((FEW * corners.len() as f64).ceil() as usize);
         Self { moved: moved.collect(), nominal, board, corners, min_corners }
     }
 
@@ -160,7 +165,7 @@ impl Model {
             let [x, y, _] = corner.xyz_m();
             SQUARES_AROUND.iter().all(|[dx, dy]| {
                 let outer = Point::assume_frame([x + dx * square_m, y + dy * square_m, 0.0]);
-                self.nominal.project(index, &from_target, outer).is_some_and(|px| lens.sees(px))
+                self.nominal.project(index, &from_target, outer).is_some_and(|px| well_inside(lens, px))
             })
         };
         (0..self.corners.len()).filter(|id| around(&self.corners[*id])).collect()
@@ -209,6 +214,12 @@ impl Model {
         }
         numbers
     }
+}
+
+fn well_inside(lens: &Pinhole, px: [f64; 2]) -> bool {
+    let border_px = BORDER * f64::from(lens.width);
+    let [right, bottom] = [lens.width, lens.height].map(|length| f64::from(length) - 1.0 - border_px);
+    (border_px..=right).contains(&px[0]) && (border_px..=bottom).contains(&px[1])
 }
 
 /// The information on the unknowns that is left when six numbers of the pose are unknown too.

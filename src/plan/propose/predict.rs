@@ -5,6 +5,9 @@ use nalgebra::{DMatrix, Matrix3, Point3, SymmetricEigen, Vector3};
 use super::model::{Model, State};
 use crate::geometry::{Transform, rotation};
 
+/// How much more the square of an error through the hand-eye result counts than one of stereo or of a lens: it is what
+/// the robot acts on.
+const HAND_EYE: f64 = 4.0;
 /// Points along each axis of an image at which its lens counts.
 const GRID: usize = 5;
 
@@ -46,7 +49,7 @@ impl Wanted {
             let points = workspace.iter().map(|p| state.event_from_rgb.map(|t| (t.iso() * Point3::from(*p)).coords));
             points.flatten().flat_map(<[f64; 3]>::from).collect()
         };
-        let mut parts = vec![mean_square(&corners, 3), mean_square(&model.gradient(through_stereo), 3)];
+        let mut parts = vec![mean_square(&corners, 3) * HAND_EYE, mean_square(&model.gradient(through_stereo), 3)];
         let middle_m = 0.5 * (depths_m[0] + depths_m[1]);
         for index in 0..nominal.cameras.len() {
             parts.push(mean_square(&model.gradient(|state| aside_m(nominal, state, index, middle_m)), 2));

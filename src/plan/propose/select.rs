@@ -6,6 +6,8 @@ use rayon::prelude::*;
 use super::candidates::Item;
 use super::predict::Wanted;
 
+/// Two stops of a tour differ by at least this much, m or rad: repeating a view averages its noise and nothing else.
+const APART: [f64; 2] = [0.01, 5.0 * std::f64::consts::PI / 180.0];
 /// Passes of exchanges at most; there are hardly ever more than five with a change.
 const MAX_PASSES: usize = 8;
 /// An exchange must gain this share, so that the search ends.
@@ -92,7 +94,11 @@ impl Search<'_> {
         let items = &self.pools[pool].items;
         let fits = |(i, item): &(usize, &Item)| {
             let seen = item.missed.iter().zip(&missed).all(|(m, before)| m + before <= self.may_miss);
-            seen && !others.contains(&Choice { pool, item: *i })
+            let differs = |o: &Choice| {
+                let (a, b) = (&item.first.base_from_tcp, &self.item(o).first.base_from_tcp);
+                a.distance_to_m(b) >= APART[0] || a.angle_to_rad(b) >= APART[1]
+            };
+            seen && !others.contains(&Choice { pool, item: *i }) && others.iter().all(differs)
         };
         let judged: Vec<(usize, f64)> = items
             .par_iter()
