@@ -234,7 +234,7 @@ pub(super) fn topics(file: TopicsFile, findings: &mut Findings<'_>) -> Topics {
     }
     let (rgb, event) = (file.rgb.map(|file| rgb(file, findings)), file.event.map(event));
     let robot = file.robot.and_then(|file| robot(file, findings));
-    let stops = stops(file.stops, file.mode, rgb.is_some(), robot.is_some(), findings);
+    let stops = stops(file.stops, file.mode, [rgb.is_some(), robot.is_some()], findings);
     let board = board(file.board, findings);
     let checks = file.checks.map(|checks| {
         if board.check().is_ok() && board.corner(checks.corner_id).is_none() {
@@ -284,7 +284,9 @@ fn robot(file: RobotTopicFile, findings: &mut Findings<'_>) -> Option<RobotTopic
     }
 }
 
-fn stops(file: StopsFile, mode: TopicsMode, has_images: bool, has_robot: bool, findings: &mut Findings<'_>) -> Stops {
+/// `has`: images, and a robot.
+fn stops(file: StopsFile, mode: TopicsMode, has: [bool; 2], findings: &mut Findings<'_>) -> Stops {
+    let [has_images, has_robot] = has;
     let StopsFile { still, intervals, each_image } = file;
     if each_image == Some(false) {
         findings.add("stops.each_image", "is false: leave it out, or say true");

@@ -83,9 +83,12 @@ fn the_result_is_that_of_the_captures_alone() {
         let mut captures = replayed(&short);
         if wired {
             // Edges say which events belong to an exposure; only their second witness heard more.
+            assert!(result["timing"]["arrival_latency_s"].is_number(), "{result:#}");
             for of in [&mut result, &mut captures] {
-                let latency_s = of["timing"]["arrival_latency_s"].take().as_f64().unwrap();
-                assert!((0.0015..0.006).contains(&latency_s), "{latency_s}");
+                // Three captures alone may have too few packets for it.
+                let latency_s = of["timing"].as_object_mut().unwrap().remove("arrival_latency_s");
+                let within = |s: &Value| s.as_f64().is_some_and(|s| (0.0015..0.006).contains(&s));
+                assert!(latency_s.as_ref().is_none_or(within), "{latency_s:?}");
                 // The files differ.
                 assert!(of["provenance"]["sha256"]["recording"].take().is_string());
             }

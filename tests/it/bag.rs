@@ -270,21 +270,7 @@ fn map_tf() -> String {
 fn import(folder: &Path, bag: &Path, map: &str) -> (std::process::Output, PathBuf) {
     let map = write(folder, "topics.yaml", map.as_bytes());
     let session = folder.join("session.mcap");
-    (
-        cellcal(&[
-            "import",
-            text(bag),
-            "--map",
-            text(&map),
-            "-o",
-            text(&session),
-            "--force",
-            "--json",
-            "--set",
-            "settings.method=paper",
-        ]),
-        session,
-    )
+    (cellcal(&["import", text(bag), "--map", text(&map), "-o", text(&session), "--force", "--json"]), session)
 }
 
 /// Both cameras, stereo and hand-eye against the truth.

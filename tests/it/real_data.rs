@@ -74,8 +74,12 @@ fn the_real_arm_is_calibrated_as_by_others() {
             expect(3, &["replay", text(&session), "--json", "--set", "settings.method=paper", "--threads", threads]);
         assert!(again.stdout == first.stdout, "{threads} threads give another result");
     }
-    let views = expect(3, &["replay", text(&session), "--json", "--set", "settings.method=paper", "--from", "views"]);
-    assert!(views.stdout == first.stdout, "views give another result");
+    // The usual method, too.
+    let usual = expect(3, &["replay", text(&session), "--json", "--threads", "1"]);
+    let again = expect(3, &["replay", text(&session), "--json", "--threads", "2"]);
+    let views = expect(3, &["replay", text(&session), "--json", "--from", "views"]);
+    assert!(again.stdout == usual.stdout, "two threads give another result");
+    assert!(views.stdout == usual.stdout, "views give another result");
 }
 
 #[test]

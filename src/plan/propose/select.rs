@@ -70,7 +70,7 @@ impl Search<'_> {
     }
 
     /// Puts the best candidate into a slot, if that gains something.
-    fn exchange(&self, slot: usize, sum: &mut DMatrix<f64>, chosen: &mut Vec<Choice>) -> bool {
+    fn exchange(&self, slot: usize, sum: &mut DMatrix<f64>, chosen: &mut [Choice]) -> bool {
         let before = chosen[slot];
         let now_m2 = self.wanted.mean_square_m2(sum);
         let without = &*sum - &self.item(&before).information;

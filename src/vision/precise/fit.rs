@@ -101,7 +101,8 @@ impl Solver<'_> {
             let step = damped.cholesky()?.solve(&at.right);
             let next = self.within(p + step);
             let then = self.equations(&next, scale);
-            if !(then.cost <= at.cost) {
+            let better = then.cost <= at.cost;
+            if !better {
                 damping *= 10.0;
                 if damping > 1e6 {
                     break;

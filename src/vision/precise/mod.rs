@@ -94,10 +94,12 @@ fn on_one_plane(board: &Board, mut found: Vec<MarkerCorner>) -> Pairs {
             (c.px[0] - u).hypot(c.px[1] - v) / square_px(&plane, c.square)
         };
         let worst = found.iter().map(|c| (off(c), c.marker)).max_by(|a, b| a.0.total_cmp(&b.0));
-        match worst {
-            Some((off, marker)) if !(off <= OFF_PLANE_SQUARES) => found.retain(|c| c.marker != marker),
-            _ => return pairs,
+        let Some((off, marker)) = worst else { return pairs };
+        let all_fit = off <= OFF_PLANE_SQUARES;
+        if all_fit {
+            return pairs;
         }
+        found.retain(|c| c.marker != marker);
     }
 }
 
@@ -158,7 +160,7 @@ fn mask(board: &Board, id: u32) -> Mask {
     Mask {
         marker_margin: 0.5 * (1.0 - board.marker_m / board.square_m),
         // The first square of the board is black.
-        diagonal_is_black: (id / columns + id % columns) % 2 == 0,
+        diagonal_is_black: (id / columns + id % columns).is_multiple_of(2),
     }
 }
 

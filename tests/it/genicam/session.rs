@@ -163,13 +163,13 @@ fn a_session_whose_camera_disappears_keeps_what_was_captured() {
                 *fake.lock().unwrap() = None;
             }
         });
-        // Each pose that is left is tried and given up; the arm goes home.
-        assert_eq!(outcome.end, End::Complete);
+        // Three poses in a row are tried, then somebody has to look.
+        let End::OperatorNeeded(why) = &outcome.end else { panic!("{:?}", outcome.end) };
+        assert!(why.contains("the rgb camera failed at 3 poses in a row"), "{why}");
+        assert!(why.contains("does not answer any more"), "{why}");
         let captured = recording.entries.iter().filter(|e| matches!(e, Entry::Input(_, Input::Captured(_)))).count();
         assert!((3..=4).contains(&captured), "{captured} captures are kept");
         let skipped: Vec<_> = outcome.poses.iter().filter_map(|pose| pose.skipped.as_deref()).collect();
-        assert_eq!(skipped.len(), 22 - captured, "{skipped:?}");
-        assert!(skipped[0].contains("rgb camera"), "{skipped:?}");
-        assert!(skipped.last().unwrap().contains("does not answer any more"), "{skipped:?}");
+        assert!(skipped.iter().filter(|why| why.contains("rgb camera")).count() >= 2, "{skipped:?}");
     });
 }

@@ -61,6 +61,9 @@ impl Model {
     }
 }
 
+/// Poses of one frame in its parent by their stamps, ns.
+type Track = Vec<(u64, Isometry3<f64>)>;
+
 /// Collects what the bag says about the arm.
 pub(super) enum Watched {
     /// By joints.
@@ -73,7 +76,7 @@ pub(super) enum Watched {
     /// By transforms; parent and poses of each child frame.
     Tf {
         /// Those that move.
-        moving: BTreeMap<String, (String, Vec<(u64, Isometry3<f64>)>)>,
+        moving: BTreeMap<String, (String, Track)>,
         /// Those that never do.
         fixed: BTreeMap<String, (String, Isometry3<f64>)>,
     },
@@ -138,7 +141,7 @@ impl Step {
 
 /// The tool in the base whenever the step of the way that is told most often was told.
 fn chain(
-    mut moving: BTreeMap<String, (String, Vec<(u64, Isometry3<f64>)>)>,
+    mut moving: BTreeMap<String, (String, Track)>,
     fixed: &BTreeMap<String, (String, Isometry3<f64>)>,
     base: &str,
     tcp: &str,
