@@ -127,5 +127,5 @@ fn nothing_is_missing_and_nothing_twice_from_the_first_sample_to_the_last() {
     assert!(first < stamps[0] + 250_000_000, "{first} {}", stamps[0]);
     assert!(last + 60_000_000 > *stamps.last().unwrap(), "{last} {:?}", stamps.last());
     let bytes: usize = packets.iter().map(|packet| packet.events.len()).sum();
-    println!("{} bytes in {:.1} s", bytes, (last - first) as f64 * 1e-9);
+    eprintln!("{} bytes in {:.1} s", bytes, (last - first) as f64 * 1e-9);
 }

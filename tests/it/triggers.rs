@@ -149,7 +149,7 @@ fn the_wire_gives_the_clock_of_the_sensor_as_well_as_its_microseconds_allow() {
         // The true time of the sensor at the middle is rounded by `sensor_us_from_host_s`, 0.5 us.
         let (late_s, drift_ppm) = (late_s(&clocks, middle_s), clocks.found.ppm - clocks.truth.ppm);
         let offset_s = clocks.found.offset_s - clocks.truth.offset_s;
-        println!(
+        eprintln!(
             "{trigger}: {count} edges over {:.1} s; true offset {:.6} s and drift {:.3} ppm; found offset {:+.2} us, \
              drift {drift_ppm:+.4} ppm (sigma {sigma_ppm:.4}), middle {:+.2} us (sigma {:.2})",
             clocks.starts_s.last().unwrap() - clocks.starts_s[0],
@@ -177,7 +177,7 @@ fn without_the_wire_the_clock_is_late_by_the_fastest_packet() {
     // once in 3000. The last event of a packet is before its end by what passes between two events.
     let excess_s = 8.0 * 9e-3 / count + 0.1e-3;
     let (late_s, drift_ppm) = (late_s(&clocks, middle_s), clocks.found.ppm - clocks.truth.ppm);
-    println!(
+    eprintln!(
         "unwired: {count} packets over {span_s:.1} s; found offset {:+.3} ms, drift {drift_ppm:+.2} ppm, middle {:+.3} ms",
         (clocks.found.offset_s - clocks.truth.offset_s) * 1e3,
         late_s * 1e3
