@@ -105,7 +105,7 @@ struct Clocks {
     arrivals_s: Vec<f64>,
 }
 
-fn clocks(trigger: &str) -> Clocks {
+fn session_clocks(trigger: &str) -> Clocks {
     let folder = tempfile::tempdir().unwrap();
     let path = cell(folder.path(), trigger, 2);
     let (result, recording) = run(&path);
@@ -138,7 +138,7 @@ fn late_s(clocks: &Clocks, at_s: f64) -> f64 {
 #[test]
 fn the_wire_gives_the_clock_of_the_sensor_as_well_as_its_microseconds_allow() {
     for trigger in ["free_run", "software"] {
-        let clocks = clocks(trigger);
+        let clocks = session_clocks(trigger);
         let (count, middle_s) = (clocks.starts_s.len() as f64, mean(&clocks.starts_s));
         let square_s2: f64 = clocks.starts_s.iter().map(|s| (s - middle_s).powi(2)).sum();
         // An edge is rounded to whole microseconds of the host (in step with the frames, so alike for all where the
@@ -169,9 +169,13 @@ fn the_wire_gives_the_clock_of_the_sensor_as_well_as_its_microseconds_allow() {
 
 #[test]
 fn without_the_wire_the_clock_is_late_by_the_fastest_packet() {
-    let clocks = clocks("free_run\n  wired: false");
+    let span_s = |clocks: &Clocks| clocks.arrivals_s.last().unwrap() - clocks.arrivals_s[0];
+    // On a starved machine simulated time may run ahead for minutes before the program holds it. Packets on both sides
+    // of such a gap are no two halves of a session, which the bounds below count on.
+    let mut tries = (0..5).map(|_| session_clocks("free_run\n  wired: false"));
+    let clocks = tries.find(|clocks| span_s(clocks) < 60.0).expect("five sessions of minutes instead of seconds");
+    let span_s = span_s(&clocks);
     let (count, middle_s) = (clocks.arrivals_s.len() as f64, mean(&clocks.arrivals_s));
-    let span_s = clocks.arrivals_s.last().unwrap() - clocks.arrivals_s[0];
     // The line rests on one packet before the middle and one after it, each the fastest of its half but for the slope:
     // of n/2 latencies over 4.5 ms the smallest is 9 ms / n above the smallest possible, more than eight times that
     // once in 3000. The last event of a packet is before its end by what passes between two events.
