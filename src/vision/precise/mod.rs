@@ -8,8 +8,6 @@
 mod fit;
 mod model;
 mod patch;
-#[cfg(test)]
-mod tests;
 
 use nalgebra::{Matrix2, SymmetricEigen};
 
